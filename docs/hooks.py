@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
+from html import unescape
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +18,16 @@ import architecture  # noqa: E402
 import claims  # noqa: E402
 import command_line  # noqa: E402
 import effect_pages  # noqa: E402
-import formulas  # noqa: E402
 import gallery  # noqa: E402
 import measurements  # noqa: E402
 import provenance  # noqa: E402
 import scores  # noqa: E402
+from latex2mathml.converter import convert  # noqa: E402
 from mkdocs.exceptions import PluginError  # noqa: E402
 from mkdocs.structure.files import File, Files  # noqa: E402
+
+FORMULA = re.compile(r'<(span|div) class="arithmatex">\s*\\[(\[](.*?)\\[)\]]\s*</\1>', re.DOTALL)
+"""A formula as arithmatex marks it."""
 
 
 def generated() -> dict[str, str]:
@@ -76,4 +81,11 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str
 def on_page_content(html: str, page: Any, config: Any, files: Files) -> str:
     """Formulas as MathML, which needs neither scripts nor fonts."""
     del page, config, files
-    return formulas.in_page(html)
+
+    def mathml(found: re.Match[str]) -> str:
+        formula = convert(unescape(found[2]), display="block" if found[1] == "div" else "inline")
+        if "\\" in formula:  # what it does not know it passes on as it is
+            raise PluginError(f"{found[2]}: has a command that latex2mathml does not know")
+        return formula
+
+    return FORMULA.sub(mathml, html)

@@ -31,7 +31,7 @@ MOST_STEPS = 2**19
 
 
 class Hum(AddedEffect):
-    r"""A line and its harmonics: \(\sum_k a_k \cos 2\pi k f t + b_k \sin 2\pi k f t\).
+    r"""A line and its harmonics: \(\sum_k a_k \cos(2\pi k f t) + b_k \sin(2\pi k f t)\).
 
     Arguments:
         starts_hz: frequencies from which the search starts; the bounds lie one per cent outside.

@@ -50,7 +50,7 @@ def test_an_effect_below_the_tolerance_is_told_and_not_named():
     last = named.final.rms_validation
     made = np.sqrt(named.base.rms_validation**2 - last**2)
     assert f"({100 * last / np.ptp(record.output):.2g} % of the stroke)" in named.sentence
-    for share, effects in ((3.0, ()), (0.5, ("input_lag",))):
+    for share, effects in ((1.5, ()), (0.5, ("input_lag",))):
         again = pj.diagnose(
             record, ["input_lag"], levels=LEVELS, tolerance=f"{share * made:.4f} um"
         )

@@ -101,12 +101,13 @@ def compare(problem: Problem, simple: Point, rich: Point, floor: float = 0.0) ->
         floor: mean square, in squared output ranges, that does not matter.
     """
     before, after = predicted_errors(problem, simple), predicted_errors(problem, rich)
-    return Evidence.of(before, after, gain_of(simple, rich), floor)
+    return Evidence.of(before, after, gain_of(simple, rich, floor), floor)
 
 
-def gain_of(simple: Point, rich: Point) -> float:
-    """Relative fall of the held-out mean square from one model to another."""
-    return 1 - simple_ratio(rich.validation_mean_square, simple.validation_mean_square)
+def gain_of(simple: Point, rich: Point, floor: float = 0.0) -> float:
+    """Relative fall of the held-out mean square from one model to another, down to a floor."""
+    before, after = (max(p.validation_mean_square, floor) for p in (simple, rich))
+    return 1 - simple_ratio(after, before)
 
 
 def compare_fits(simple: Fit, rich: Fit) -> Evidence:

@@ -287,7 +287,7 @@ class Search:
 
     def compare(self, simple: Whole, rich: Whole) -> Evidence:
         """Evidence for one model against another."""
-        gain = gain_of(simple.point, rich.point)
+        gain = gain_of(simple.point, rich.point, self.floor)
         return Evidence.of(simple.errors, rich.errors, gain, self.floor)
 
     def run(

@@ -363,17 +363,21 @@ LAYOUTS = {
         "tuz", ["t_s", "u_V", "z_um"], ["V", "um"],
     ),
     "chinese.csv": layout("时间(s),位移(mm),荷载(kN)", "tuz", "mm kN"),
+    "japanese.csv": layout("時間(s),電圧(V),変位(mm)", "tuz", "V mm"),
     "russian.csv": layout(
         "Время, с;Перемещение, мм;Усилие, кН", "tuz", "mm kN", sep=";", decimal=","
     ),
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", LAYOUTS)
-def test_a_layout_is_opened_by_itself(tmp_path, name):
+CODE_PAGES = (("chinese.csv", "gbk"), ("japanese.csv", "cp932"), ("russian.csv", "cp1251"))
+
+
+@pytest.mark.parametrize(("name", "encoding"), [*((n, "utf-8") for n in LAYOUTS), *CODE_PAGES])
+def test_a_layout_is_opened_by_itself(tmp_path, name, encoding):
     text, held, (time, driven, output), units = LAYOUTS[name]
     path = tmp_path / name
-    path.write_text(text, encoding="utf-8")
+    path.write_text(text, encoding=encoding)
     said = []
     record = pj.Record.load(path, announce=said.append)
     channels = {role: channel.name for role, channel in record.channels.items()}

@@ -22,6 +22,7 @@ from typing import Any, cast
 import numpy as np
 
 from preisach_jax.errors import InputError
+from preisach_jax.record.quantities import foreign_words_in
 from preisach_jax.record.sampling import with_stated_time
 from preisach_jax.record.settings import (
     LONGEST_HEADER,
@@ -646,6 +647,15 @@ _CONTROLS = bytes(set(range(32)) - set(b"\t\n\v\f\r\x1a\x1b"))
 _SHARE = 0.01  # of such signs that a text may hold, as some loggers write a few
 
 
+_CODE_PAGES = (
+    ("cp1252", "Windows-1252"),
+    ("gb18030", "GB 18030"),
+    ("cp932", "Shift-JIS"),
+    ("cp1251", "Windows-1251"),
+)
+"""Where no word is known, the first."""
+
+
 def check_text(head: bytes, source: str) -> None:
     """Refuse a file that is not text, by its beginning."""
     if not is_text(head):
@@ -676,9 +686,19 @@ def decode(content: bytes) -> tuple[str, str]:
         try:
             text = content.decode("utf-8-sig")
         except UnicodeDecodeError:
-            assumed = "it is not in UTF-8 and was read as Windows-1252"
-            text = content.decode("cp1252", errors="replace")
+            encoding, name = _code_page(content[:HEAD_BYTES])
+            assumed = f"it is not in UTF-8 and was read as {name}"
+            text = content.decode(encoding, errors="replace")
     return text.replace("\r\n", "\n").replace("\r", "\n"), assumed
+
+
+def _code_page(head: bytes) -> tuple[str, str]:
+    """Encoding and name of a code page, by the words of quantities that it makes of a text."""
+    found = {
+        page: foreign_words_in(head.decode(page[0], errors="ignore").lower())
+        for page in _CODE_PAGES
+    }
+    return max(_CODE_PAGES, key=lambda page: found[page])
 
 
 def _encoding(head: bytes) -> str | None:

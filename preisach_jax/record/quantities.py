@@ -140,6 +140,12 @@ def quantity_of(name: str, unit: str) -> str:
     return ""
 
 
+def foreign_words_in(text: str) -> int:
+    """How many words of quantities in scripts other than Latin and Greek stand in a text."""
+    words = {word for quantity in QUANTITIES.values() for word in quantity.words}
+    return sum(word in text for word in words if len(word) > 1 and word[0] >= "\u0400")
+
+
 def _fits(kind: str, unit: str) -> bool:
     """Whether a unit does not speak against a quantity: it is no other quantity's."""
     others = [each for each, quantity in QUANTITIES.items() if unit in quantity.units]

@@ -438,6 +438,10 @@ CSV = rows(T, U, Z)
 ODD = {
     "two rows of names": ("Time,Voltage,Position\nt,U,z\n" + CSV, "row 2, names once more (t,U,z)"),
     "names, names, units": ("Time,Voltage,Position\nt,U,z\ns,V,um\n" + CSV, "names once more"),
+    "numbers of channels above": (
+        'Channel 1,Channel 2,Channel 3\nTime / s,H (A/m),B (T)\n"","",""\n' + CSV,
+        "row 1, names once more (Channel 1,Channel 2,Channel 3)",
+    ),
     "units twice": ("Time [s],U [V],z [um]\n(s),(V),(um)\n" + CSV, "output z [um]"),
     "units that disagree": (
         "t [s],u [V],z [um]\n(ms),(V),(um)\n" + CSV, "says ms where a name says s",

@@ -22,7 +22,7 @@ from typing import Any, cast
 import numpy as np
 
 from preisach_jax.errors import InputError
-from preisach_jax.record.quantities import foreign_words_in
+from preisach_jax.record.quantities import foreign_words_in, quantity_of
 from preisach_jax.record.sampling import with_stated_time
 from preisach_jax.record.settings import (
     LONGEST_HEADER,
@@ -292,8 +292,12 @@ def _head(lines: list[str], kept: list[int], sure: list[int], source: str, first
     header, named, first = _header(lines, kept, start, delimiter, place)
     notes = (f"{source}: {start} line(s) before the names were skipped",) if named and start else ()
     if named and _is_second_names(lines, kept[first : first + 3], delimiter, len(header)):
-        row = kept[first] + first_row
-        notes += (f"{source}: row {row}, names once more ({lines[row - first_row][:60]}), skipped",)
+        other = fields_of(lines[kept[first]], delimiter)
+        row = kept[first]
+        if _told(other) > _told(header):
+            header, row = other, kept[start]
+            check_names(header, f"{source}, row {kept[first] + first_row}")
+        notes += (f"{source}: row {row + first_row}, names once more ({lines[row][:60]}), skipped",)
         first += 1
     units: dict[str, str] = {}
     if named and first < len(kept):
@@ -317,6 +321,11 @@ def _head(lines: list[str], kept: list[int], sure: list[int], source: str, first
     begin = kept[first] if first < len(kept) else kept[-1] + 1
     sampling = sampling_of(settings_of(lines[: kept[start]], delimiter))
     return _Head(header, named, delimiter, units, begin, notes, sampling)
+
+
+def _told(names: Sequence[str]) -> int:
+    """How many names tell a quantity, by a word or a unit."""
+    return sum(bool(quantity_of(*split_unit(name))) for name in names)
 
 
 def _is_second_names(lines: list[str], rows: list[int], delimiter: str, width: int) -> bool:
@@ -358,7 +367,7 @@ def _breaks_off(end: list[str], width: int, delimiter: str) -> bool:
 
 
 def _is_data(line: str) -> bool:
-    return bool(line.strip(" \t,;|")) and not _is_comment(line)
+    return bool(line.strip(' \t,;|"')) and not _is_comment(line)
 
 
 def _is_comment(line: str) -> bool:

@@ -12,7 +12,7 @@ import preisach_jax as pj
 from preisach_jax.diagnosis.plausible import implausible
 from preisach_jax.diagnosis.tellable import InputSurvey, untellable
 from preisach_jax.effects import resolve
-from preisach_jax.effects.base import CYCLES, RATES
+from preisach_jax.effects.base import CYCLES, HEIGHTS, RATES
 from preisach_jax.effects.drift import Drift
 from preisach_jax.effects.hum import Hum
 from preisach_jax.effects.reptation import Reptation
@@ -31,25 +31,27 @@ def triangle(phase):
 
 SLOW, FAST, CHIRP = triangle(TIME / 2), triangle(TIME / 0.5), np.sin(TIME**2)
 INPUTS = {
-    "a triangle of one rate": (SLOW, False, True),
-    "a noisy sine of one height": (np.sin(np.pi * TIME) + NOISE, False, True),
-    "a triangle of two rates": (np.where(TIME < 10, SLOW, FAST), True, True),
-    "sines of two heights": (np.sin(np.pi * TIME) * np.where(TIME < 10, 1.0, 0.6), True, True),
-    "a triangle that rests": (triangle(np.minimum(TIME % 4, 2.5) / 2.5), True, True),
-    "one cycle": (triangle(TIME / 20), False, False),
-    "one way": (TIME, False, False),
-    "a constant": (np.ones_like(TIME), False, False),
-}
+    "a triangle of one rate": (SLOW, False, True, False),
+    "a noisy sine of one height": (np.sin(np.pi * TIME) + NOISE, False, True, False),
+    "a triangle of two rates": (np.where(TIME < 10, SLOW, FAST), True, True, False),
+    "sines of two heights": (
+        np.sin(np.pi * TIME) * np.where(TIME < 10, 1.0, 0.6), True, True, True
+    ),
+    "a triangle that rests": (triangle(np.minimum(TIME % 4, 2.5) / 2.5), True, True, False),
+    "one cycle": (triangle(TIME / 20), False, False, False),
+    "one way": (TIME, False, False, False),
+    "a constant": (np.ones_like(TIME), False, False, False),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", INPUTS)
-def test_rates_and_cycles_of_an_input_whatever_its_units(name):
-    values, rates, cycles = INPUTS[name]
+def test_rates_cycles_and_heights_of_an_input_whatever_its_units(name):
+    values, *shown = INPUTS[name]
     for time, scaled in ((TIME, values), (3 + TIME * 1e-3, 1e9 * (values - 5.0))):
         survey = InputSurvey(time, scaled)
-        assert (survey.shows(RATES), survey.shows(CYCLES)) == (rates, cycles)
-    with pytest.raises(ValueError, match="'heights' is no need"):
-        survey.shows("heights")
+        assert [survey.shows(need) for need in (RATES, CYCLES, HEIGHTS)] == shown
+    with pytest.raises(ValueError, match="'depths' is no need"):
+        survey.shows("depths")
 
 
 def test_lines_of_a_periodic_drive_and_what_they_make():

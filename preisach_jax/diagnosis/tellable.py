@@ -1,7 +1,8 @@
 """What the excitation of a record can tell at all, asked before any effect is named.
 
 A Preisach density takes up whatever is the same each time that the input passes a place: at one
-rate a lag is a wider loop, and in one cycle a drift is an open one.  A name would be a guess.
+rate a lag is a wider loop, in one cycle a drift is an open one, and in loops of one height a bent
+sensor is another density.  A name would be a guess.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import numpy as np
 
 from preisach_jax.chain.signals import ThinnedSignals, parts_of
 from preisach_jax.diagnosis.residuals import reversals
-from preisach_jax.effects.base import CYCLES, RATES, Effect
+from preisach_jax.effects.base import CYCLES, HEIGHTS, RATES, Effect
 from preisach_jax.effects.spectrum import strongest_lines, without
 from preisach_jax.errors import EffectError
 from preisach_jax.identify.problem import Problem
@@ -41,6 +42,11 @@ LEAST_RESTS = 2
 LEAST_PASSAGES = 2.0
 """Passages of a place in one direction, in the median, from which on there is more than one cycle.
 """
+
+INNER = 0.1
+"""Share of the input's range between its ends and a turn from which on that lies inside."""
+
+LEAST_INNER_TURNS = 2
 
 FEWEST_HALVES = 6
 """Half cycles of the drive from which on it can be seen whether they are regular."""
@@ -81,7 +87,11 @@ class InputSurvey:
             return self._varied >= LEAST_VARIED or self._rests >= LEAST_RESTS
         if need == CYCLES:
             return self._passages_of_a_place >= LEAST_PASSAGES
-        raise EffectError(f"{need!r} is no need of an effect: give {RATES!r} or {CYCLES!r}")
+        if need == HEIGHTS:
+            return self._inner_turns >= LEAST_INNER_TURNS
+        raise EffectError(
+            f"{need!r} is no need of an effect: give {RATES!r}, {CYCLES!r} or {HEIGHTS!r}"
+        )
 
     @property
     def runs(self) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
@@ -170,6 +180,14 @@ class InputSurvey:
         return float(np.median(counts)) if counts else 0.0
 
     @cached_property
+    def _inner_turns(self) -> int:
+        """How often the input turns well between the ends of its range."""
+        low, high = self.span or (float(self.input.min()), float(self.input.max()))
+        edge = INNER * (high - low)
+        turns = self.input[reversals(self.input, edge)]
+        return int(np.sum((turns > low + edge) & (turns < high - edge)))
+
+    @cached_property
     def _rests(self) -> int:
         """How often the input rests for long."""
         times = [time for passed in self._passages.values() for time in passed]
@@ -225,6 +243,10 @@ class JoinedSurvey(InputSurvey):
         return passages
 
     @cached_property
+    def _inner_turns(self) -> int:
+        return sum(part._inner_turns for part in self.parts)
+
+    @cached_property
     def _rests(self) -> int:
         return sum(part._rests for part in self.parts)
 
@@ -246,6 +268,8 @@ REASONS = {
     "whatever depends on the rate",
     CYCLES: "not tried: the input passes each place hardly more than once, so that the density "
     "absorbs whatever changes with time",
+    HEIGHTS: "not tried: all loops of the input are of one height, so that the density absorbs "
+    "whatever bends them",
 }
 
 
@@ -269,15 +293,21 @@ def shows_little(problem: Problem, tried: Sequence[Effect]) -> bool:
 def notes(problem: Problem, tried: Sequence[Effect]) -> tuple[str, ...]:
     """What a reader must know of the effects that a record cannot tell, one sentence a need."""
     told: list[str] = []
+    passes = "The input passes each place"
     for need, what, remedy in (
-        (RATES, "at one rate only", "Record the same loops at three rates, or with rests."),
-        (CYCLES, "hardly more than once", "Record at least three cycles."),
+        (
+            RATES,
+            f"{passes} at one rate only",
+            "Record the same loops at three rates, or with rests.",
+        ),
+        (CYCLES, f"{passes} hardly more than once", "Record at least three cycles."),
+        (HEIGHTS, "All loops of the input are of one height", "Record minor loops at five biases."),
     ):
         names = [effect.name for effect in tried if need in effect.needs]
         if names and not surveyed(problem).shows(need):
             verb = "is" if len(names) == 1 else "are"
             told.append(
-                f"The input passes each place {what}: {', '.join(names)} cannot be told from the "
+                f"{what}: {', '.join(names)} cannot be told from the "
                 f"density of hysterons, and {verb} not named. {remedy}"
             )
     return tuple(told)

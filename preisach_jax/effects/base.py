@@ -38,7 +38,7 @@ from preisach_jax.errors import EffectError, InputError, unfinished
 Values = Mapping[str, Any]
 """Values of an effect's parameters by name."""
 
-RATES, CYCLES = "rates", "cycles"
+RATES, CYCLES, HEIGHTS = "rates", "cycles", "heights"
 """What a record may have to hold to tell an effect from the density (`Effect.needs`)."""
 
 _nothing = partial(np.zeros, 0)
@@ -156,7 +156,7 @@ class Effect(eqx.Module):
             tries it all the same.
         needs: what a record must hold to tell the effect from the density of hysterons: `RATES`,
             places that are passed at more than one rate, or rests; `CYCLES`, places that are passed
-            more than once.
+            more than once; `HEIGHTS`, loops that turn inside of the range.
         goes_with_speed: whether what it does goes with the speed of the input, so that
             a second effect of that kind must do much more to be named.
         limited_by_residual: whether its limit is where it would make the whole residual, since it

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import HysteresisEffect, Survey
+from preisach_jax.effects.base import HEIGHTS, HysteresisEffect, Survey
 from preisach_jax.effects.parameter import parameter
 
 
@@ -32,6 +32,7 @@ class Moving(HysteresisEffect):
 
     name = "moving"
     rank = 9
+    needs = (HEIGHTS,)
     needs_clock = False
     in_words = "feedback of the output on the material (minor loops that are not congruent)"
     feeds_back = True

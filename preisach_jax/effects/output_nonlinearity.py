@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from preisach_jax.effects.base import SensorEffect, Survey
+from preisach_jax.effects.base import HEIGHTS, SensorEffect, Survey
 from preisach_jax.effects.parameter import Parameter, coefficient
 
 HALF_WAVES = 24
@@ -34,6 +34,7 @@ class OutputNonlinearity(SensorEffect):
 
     name = "output_nonlinearity"
     rank = 16
+    needs = (HEIGHTS,)
     needs_clock = False
     in_words = "a nonlinear sensor (it bends the whole loop in the same way)"
     physics = (

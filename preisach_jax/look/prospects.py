@@ -269,8 +269,9 @@ def _minor_loops(found: Excitation) -> tuple[Grade, str, str]:
 
 
 def _nonlinearity(found: Excitation) -> tuple[Grade, str, str]:
-    _, why, remedy = _minor_loops(found)
-    return "poorly", f"{why}; the density absorbs most of a sensor's nonlinearity", remedy
+    grade, why, remedy = _minor_loops(found)
+    why = f"{why}; the density absorbs most of a sensor's nonlinearity"
+    return "poorly" if grade == "well" else grade, why, remedy
 
 
 def _reptation(found: Excitation) -> tuple[Grade, str, str]:

@@ -10,6 +10,7 @@ import os
 import re
 import secrets
 import stat
+import tempfile
 import zipfile
 import zlib
 from collections.abc import Generator, Iterable, Mapping
@@ -156,11 +157,20 @@ def check_folder(
         place = place.parent
     if not place.is_dir():
         raise InputError(f"{folder}: {place} is a file, not a folder; choose another folder")
-    if not os.access(place, os.W_OK | os.X_OK):
+    if not _is_writable(place):
         raise InputError(f"{folder}: {place} cannot be written to; choose another folder")
     read = list(read)
     for name in written:
         check_output(folder / name, read, force=force)
+
+
+def _is_writable(folder: Path) -> bool:
+    """Whether a file can be made in a folder; rights do not say it of /proc."""
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            return True
+    except OSError:
+        return False
 
 
 def check_file(path: Path, *read: Path, force: bool = False) -> None:
@@ -173,7 +183,7 @@ def check_file(path: Path, *read: Path, force: bool = False) -> None:
         raise InputError(f"{path}: this is a folder; give the name of a file")
     if not path.parent.is_dir():
         raise InputError(f"{path}: there is no folder {path.parent}; make it, or choose another")
-    if not os.access(path.parent, os.W_OK | os.X_OK):
+    if not _is_writable(path.parent):
         raise InputError(f"{path}: {path.parent} cannot be written to; choose another place")
     check_output(path, read, force=force)
 

@@ -60,7 +60,7 @@ OPENED = {
     ),
 }  # fmt: skip
 ASKED = {
-    "tabs_no_names_ms.csv": ("column 1 is the time", "--time 1 --input 2 --output 4"),
+    "tabs_no_names_ms.csv": ("column 1 is the time", "--time 1 --input 2 --output 4 --unit time=s"),
     "three_clocks.csv": (
         "2 clocks, 3 and 5, were brought on one (5 begins 94.4 ms later than 3)",
         "--input 1 --output 4",
@@ -441,6 +441,9 @@ ODD = {
     "numbers of channels above": (
         'Channel 1,Channel 2,Channel 3\nTime / s,H (A/m),B (T)\n"","",""\n' + CSV,
         "row 1, names once more (Channel 1,Channel 2,Channel 3)",
+    ),
+    "names behind a #, texts below": (
+        "#t u z state\n" + CSV.replace(",", " ").replace("\n", " OK\n"), "input u, output z"
     ),
     "units twice": ("Time [s],U [V],z [um]\n(s),(V),(um)\n" + CSV, "output z [um]"),
     "units that disagree": (

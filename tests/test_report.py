@@ -1,5 +1,6 @@
 """Reports stand by themselves, say what was found, and are written whole or not at all."""
 
+import errno
 import json
 import re
 from html.parser import HTMLParser
@@ -111,6 +112,9 @@ def test_diagnosis_json_is_the_contract_and_strict(written):
 
 
 def test_places_are_checked_before_the_work(tmp_path, monkeypatch):
+    def full(**_):
+        raise OSError(errno.EROFS, "read-only file system")
+
     file = tmp_path / "file"
     file.write_text("")
     (tmp_path / "model.json").mkdir()
@@ -127,7 +131,7 @@ def test_places_are_checked_before_the_work(tmp_path, monkeypatch):
         with pytest.raises(InputError, match=said):
             check(place)
     assert {path.name for path in tmp_path.iterdir()} == {"file", "model.json"}
-    monkeypatch.setattr("os.access", lambda *_: False)
+    monkeypatch.setattr("tempfile.TemporaryFile", full)
     for check in (check_folder, check_file):
         with pytest.raises(InputError, match="cannot be written to"):
             check(tmp_path / "new")

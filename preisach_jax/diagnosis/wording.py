@@ -172,8 +172,8 @@ def notes_on(record: Record, model: Model) -> tuple[str, ...]:
         notes.append(
             "The density has weights of both signs, as butterfly loops need, where the output "
             "falls and rises along one branch. The held-out data require them: with one sign the "
-            "error is much larger. If this is a force recorded against a displacement, exchange "
-            "input and output, or record the velocity too."
+            "error is much larger. Friction and damping do that too: record the velocity as a "
+            "column, or try the other direction with --input and --output."
         )
     if not record.has_clock:
         notes.append(

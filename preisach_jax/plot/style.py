@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import warnings
 from collections.abc import Generator
 from contextlib import contextmanager
 from typing import Any
@@ -11,6 +12,7 @@ import matplotlib as mpl
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
+from matplotlib.font_manager import fontManager
 
 # Okabe and Ito's palette, which colour-blind readers can tell apart.
 MEASURED = "#8C8C8C"
@@ -20,9 +22,15 @@ FLOOR = "#009E73"
 REFUSED = "#B0B0B0"
 HELD_OUT = "#F0E442"
 
+OTHER_SCRIPTS = (
+    "Noto Sans CJK SC", "Noto Sans CJK JP", "WenQuanYi Zen Hei", "Microsoft YaHei", "SimHei",
+    "PingFang SC", "Yu Gothic", "MS Gothic", "Hiragino Sans", "Malgun Gothic",
+)  # fmt: skip
+"""Fonts for names that DejaVu Sans has no letters for, where one is installed."""
+
 STYLE: dict[Any, Any] = {
     "figure.dpi": 110,
-    "font.family": "DejaVu Sans",
+    "font.family": ["DejaVu Sans", *sorted({*OTHER_SCRIPTS} & {*fontManager.get_font_names()})],
     "font.size": 9,
     "axes.titlesize": 10,
     "axes.titlelocation": "left",
@@ -59,6 +67,14 @@ def _lay_out(figure: Figure) -> None:
 
 
 @contextmanager
+def _styled() -> Generator[None]:
+    """How files of figures are drawn; letters that no font has are boxes, without a word."""
+    with mpl.rc_context(STYLE), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing from font")
+        yield
+
+
+@contextmanager
 def _resolution(figure: Figure, dpi: int) -> Generator[None]:
     """Dots an inch of what is drawn inside."""
     usual = figure.dpi
@@ -73,7 +89,7 @@ def _resolution(figure: Figure, dpi: int) -> Generator[None]:
 # by the canvas itself.
 
 
-@mpl.rc_context(STYLE)
+@_styled()
 def svg(figure: Figure) -> str:
     """A figure as the text of an SVG file; equal figures give equal texts."""
     stream = io.StringIO()
@@ -84,7 +100,7 @@ def svg(figure: Figure) -> str:
     return stream.getvalue()
 
 
-@mpl.rc_context(STYLE)
+@_styled()
 def pdf(figure: Figure) -> bytes:
     """A figure as the bytes of a PDF file; equal figures give equal bytes."""
     stream = io.BytesIO()
@@ -93,7 +109,7 @@ def pdf(figure: Figure) -> bytes:
     return stream.getvalue()
 
 
-@mpl.rc_context(STYLE)
+@_styled()
 def png(figure: Figure, dpi: int = 140) -> bytes:
     """A figure as the bytes of a PNG file."""
     stream = io.BytesIO()

@@ -69,11 +69,12 @@ def check_increasing(seconds: np.ndarray, shown: np.ndarray, place: Callable[[in
     bad = np.flatnonzero(np.diff(seconds) <= 0)
     if bad.size:
         k = int(bad[0]) + 1
-        verb = "repeats" if seconds[k] == seconds[k - 1] else "runs backward"
+        repeats = seconds[k] == seconds[k - 1]
+        verb, remedy = ("repeats", "remove") if repeats else ("runs backward", "cut the file at")
         more = f" (and {bad.size - 1} more such rows)" if bad.size > 1 else ""
         raise InputError(
-            f"{place(k)}: time {verb}, {shown[k]:.12g} after {shown[k - 1]:.12g}{more}; sort the "
-            "rows by time and remove repeated ones, or give the sampling rate with --rate HZ"
+            f"{place(k)}: time {verb}, {shown[k]:.12g} after {shown[k - 1]:.12g}{more}; "
+            f"{remedy} this row, or give the sampling rate with --rate HZ"
         )
 
 

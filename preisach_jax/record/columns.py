@@ -587,7 +587,8 @@ def _which(
     if "time" in table.roles:
         clock = table.notes[0].removeprefix(f"{table.source}: ") if table.notes else "it has a time"
     elif time is not None:
-        clock = f"column {time} is the time (its unit: --unit time=ms)"
+        clock = f"column {time} is the time (put its unit in place of s below)"
+        command += " --unit time=s"
     ordered = [c for c in table.columns if c in offered]
     return QuestionError(
         f"{table.source}: the columns have no names (row {table.rows[0]} is numbers already); "

@@ -420,9 +420,10 @@ def _header(
     """Names, whether the file gives them, and how many kept lines stand before the data."""
     fields = fields_of(lines[kept[start]], delimiter)
     named, first = True, start + 1
-    if _is_all_numbers(fields):
+    commented = _commented_names(lines[: kept[start]], delimiter, len(fields))
+    # Rows of numbers may hold a column of texts.
+    if _is_all_numbers(fields) or (commented and any(map(_is_number, fields))):
         first = start
-        commented = _commented_names(lines[: kept[start]], delimiter, len(fields))
         named = commented is not None
         fields = commented or [str(i + 1) for i in range(len(fields))]
     names = [name or f"column {i + 1}" for i, name in enumerate(fields)]

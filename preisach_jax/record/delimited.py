@@ -367,7 +367,7 @@ def _breaks_off(end: list[str], width: int, delimiter: str) -> bool:
 
 
 def _is_data(line: str) -> bool:
-    return bool(line.strip(' \t,;|"')) and not _is_comment(line)
+    return bool(line.replace('""', "").strip(" \t,;|")) and not _is_comment(line)
 
 
 def _is_comment(line: str) -> bool:

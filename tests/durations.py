@@ -6,6 +6,7 @@ PREISACH_DURATIONS=FILE also updates the rows of the files that were run in a ta
 import os
 from collections import defaultdict
 from pathlib import Path
+from typing import Any
 
 import jax
 import pytest
@@ -75,8 +76,8 @@ class Durations:
         import pandas as pd
 
         rows = pd.DataFrame(self.tests).T.astype({"programs": int})
-        by_file = rows.groupby([name.partition("::")[0] for name in rows.index])
-        table = by_file.sum().round(1)
+        by_file: Any = rows.groupby([name.partition("::")[0] for name in rows.index])
+        table: Any = by_file.sum().round(1)
         table.insert(0, "tests", by_file.size())
         if path.exists():
             before = pd.read_csv(path, index_col="file")

@@ -139,7 +139,8 @@ def model_with(chain, values, coefficients, record, names, error):
     found += [(*of, value) for of, value in added]
     parameters = {effect.name: {} for effect in chain.effects}
     for effect, parameter, value in found:
-        estimate = ParameterEstimate(*(float(value),) * 3, parameter.unit)
+        number = float(value)
+        estimate = ParameterEstimate(number, number, number, parameter.unit)
         parameters[effect][parameter.name] = estimate
     columns = dict(zip(("time", "input", "output"), names, strict=True)) | {"aux": [*record.aux]}
     units = {"time": "s", "input": "V", "output": "um"}

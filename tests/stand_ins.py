@@ -127,4 +127,5 @@ def make_diagnosis(verdict: str = "partly_explained", **changes: Any) -> Diagnos
         "located": "most of it lies at the turns",
         "steps": steps if named else steps[:1],
     }
-    return Diagnosis(**(dict.fromkeys(("close", "remainder", "notes"), ()) | content | changes))
+    content |= {"close": (), "remainder": (), "notes": ()}
+    return Diagnosis(**content | changes)

@@ -125,7 +125,7 @@ class TestUpload:
         for text, given, count in ((runs, by_time, 2), (runs, by_rate, 1), (two, None, 1)):
             path.write_text(text)
             upload = Upload.of("runs.csv", text.encode())
-            choice = given or ColumnChoice(upload, lambda chosen: None).first()
+            choice: Any = given or ColumnChoice(upload, lambda chosen: None).first()
             assert choice is not None
             digests = [record.sha256 for record in upload.records(choice)]
             assert digests == [record.sha256 for record in Record.load_all(path, **choice)]

@@ -122,8 +122,9 @@ def test_leakage_leaves_the_bias_of_its_closed_form(x64):
     """Of a relay that switches again and again λ/(λ+μ) of the prior's error remains."""
     x = np.tile([0.0, 1.0], 500)  # which moves the lowest relay alone
     for mu, leakage in ((0.05, 0.02), (1.0, 0.25), (0.05, 0.0)):
-        plane, options = Plane(levels=2, low=0.0, high=2.0), {"step_size": mu, "leakage": leakage}
-        found = AdaptiveFilter(plane, initial_weight=1.0, **options).run(x, 3.0 * x).weights[0]
+        plane = Plane(levels=2, low=0.0, high=2.0)
+        filt = AdaptiveFilter(plane, initial_weight=1.0, step_size=mu, leakage=leakage)
+        found = filt.run(x, 3.0 * x).weights[0]
         assert float(found) - 3.0 == pytest.approx(-2.0 * leakage / (leakage + mu), abs=1e-12)
 
 

@@ -142,10 +142,14 @@ class InputSurvey:
                     return True
         return False
 
+    @property
+    def _ends(self) -> tuple[float, float]:
+        return self.span or (float(self.input.min()), float(self.input.max()))
+
     @cached_property
     def _passages(self) -> dict[tuple[int, int], list[float]]:
         """Times, in s, of all passages of a place from one edge to the other, by direction."""
-        low, high = self.span or (float(self.input.min()), float(self.input.max()))
+        low, high = self._ends
         edges = low + (high - low) * np.arange(1, PLACES) / PLACES
         place = np.searchsorted(edges, self.input, side="right")
         moves = np.flatnonzero(np.diff(place))
@@ -182,7 +186,7 @@ class InputSurvey:
     @cached_property
     def _inner_turns(self) -> int:
         """How often the input turns well between the ends of its range."""
-        low, high = self.span or (float(self.input.min()), float(self.input.max()))
+        low, high = self._ends
         edge = INNER * (high - low)
         turns = self.input[reversals(self.input, edge)]
         return int(np.sum((turns > low + edge) & (turns < high - edge)))
@@ -307,7 +311,7 @@ def notes(problem: Problem, tried: Sequence[Effect]) -> tuple[str, ...]:
         if names and not surveyed(problem).shows(need):
             verb = "is" if len(names) == 1 else "are"
             told.append(
-                f"{what}: {', '.join(names)} cannot be told from the "
-                f"density of hysterons, and {verb} not named. {remedy}"
+                f"{what}: {', '.join(names)} cannot be told from the density of hysterons, and "
+                f"{verb} not named. {remedy}"
             )
     return tuple(told)

@@ -109,7 +109,7 @@ def input_spikes(record: Record) -> np.ndarray:
     for start, stop in zip(*_runs(spikes), strict=True):
         # Where nothing was measured the input is told for the sake of the memory.
         spikes[start:stop] = record.measured[start:stop].all()
-    return spikes & ~_answered(record, spikes)
+    return spikes & ~_answered(record, spikes) if spikes.any() else spikes
 
 
 def _answered(record: Record, spikes: np.ndarray) -> np.ndarray:

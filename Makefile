@@ -7,6 +7,9 @@ BIN   := $(VENV)/bin
 RUNS  := $(VENV)/.runs
 STAMP := $(VENV)/.installed
 
+# Containers set it to stay small.  Without its bytecode every process compiles some 600 modules anew: 6 s.
+unexport PYTHONDONTWRITEBYTECODE
+
 .DEFAULT_GOAL := help
 .PHONY: help setup demo app test lint docs claims release-check clean
 

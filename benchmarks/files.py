@@ -1,10 +1,12 @@
 """How fast records are read: a hundred megabytes of each kind, and a look at what was read.
 
-    python benchmarks/files.py [--megabytes 100]
+    python benchmarks/files.py [--megabytes 100] [--against TREE]
     python benchmarks/files.py --layouts
 
-The second opens, with no option, each layout of instruments that the tests know, and the files that
-people keep, and notes what was taken, whether a question was asked, and the seconds of a look.
+With another tree of this repository, each file is read in turn by both, and the ratio of the times
+of the processor is noted. The last opens, with no option, each layout of instruments that the tests
+know, and the files that people keep, and notes what was taken, whether a question was asked, and
+the seconds of a look.
 
 Each kind is read in a process of its own, so that its greatest memory is its own; the file is in
 the cache of the disk. Beside the time on the wall stands that of the processor, as other programs
@@ -16,6 +18,7 @@ from __future__ import annotations
 import argparse
 import gzip
 import json
+import os
 import resource
 import subprocess
 import sys
@@ -28,7 +31,8 @@ from common import write_results
 
 KINDS = (
     "csv", "csv_semicolon_comma", "csv_no_names", "txt_spaces", "tektronix.csv", "lvm", "csv.gz",
-    "npz", "npy", "mat", "mat73", "h5", "tdms", "parquet", "feather", "xlsx",
+    "npz", "npy", "mat", "mat73", "h5", "tdms", "parquet", "feather", "xlsx", "qd.dat", "mts.dat",
+    "shimadzu.csv", "zwick.TRA",
 )  # fmt: skip
 ROWS_A_MB = 19_500  # of a CSV of four columns
 TESTS = Path(__file__).parent.parent / "tests"
@@ -68,6 +72,21 @@ def write_text(kind: str, path: Path, table: dict[str, np.ndarray]) -> None:
     elif kind == "tektronix.csv":
         head = "Model,MSO44\nSample Interval,5e-05\nVertical Units,V,V\n\nTIME,CH1,CH2,CH3\n"
         path.write_text(text(table, head=head))
+    elif kind == "qd.dat":
+        head = "[Header]\nBYAPP,MPMS\n[Data]\nTime,Field (Oe),Long Moment (emu),Temperature (K)\n"
+        path.write_text(text(table, head=head))
+    elif kind == "mts.dat":
+        head = (
+            "MTS793|MPT|DEU|1|2|,|.|:|49|1|1|A\n\nDatenerfassung: Zeit\t\t\tZeit:\t10,0\tSek\n"
+            "Zeit\tKolbenweg\tKraft\tDehnung\nSek\tmm\tkN\tmm\n"
+        )
+        path.write_text(text(table, "\t", ",", head))
+    elif kind == "shimadzu.csv":
+        head = "Name,1 _ 1,,\nTime,Stroke,Force,Strain\nsec,mm,N,mm\n"
+        path.write_text(text(table, head=head))
+    elif kind == "zwick.TRA":
+        head = "Prüfzeit;Standardweg;Standardkraft;Weg 2\ns;mm;N;mm\n"
+        path.write_text(text(table, ";", ",", head), encoding="utf-8")
     elif kind == "lvm":
         head = (
             "LabVIEW Measurement\t\nSeparator\tTab\nX_Columns\tOne\n***End_of_Header***\t\n\t\n"
@@ -127,7 +146,7 @@ def read(path: Path, first_look: bool) -> dict[str, float]:
     from preisach_jax.record import Record
 
     names = {"time": "1", "input": "2", "output": "3"}
-    if path.name.startswith(("h5", "mat73")):  # which keep their columns by name
+    if path.name.startswith(("h5", "mat73", "parquet", "feather")):  # which keep columns by name
         names = {"time": "t_s", "input": "u_V", "output": "z_um"}
     if path.name.startswith("lvm"):
         names = {"input": "u_V", "output": "z_um"}
@@ -145,7 +164,9 @@ def read(path: Path, first_look: bool) -> dict[str, float]:
     return found
 
 
-def measure(kind: str, megabytes: float, first_look: bool) -> dict[str, float | str]:
+def measure(
+    kind: str, megabytes: float, first_look: bool, against: Path | None
+) -> dict[str, float | str]:
     ending = kind.split(".", 1)[1] if "." in kind else kind.split("_", maxsplit=1)[0]
     ending = {"mat73": "mat"}.get(ending, ending)
     # A binary file has 32 bytes a row, a workbook about 50.
@@ -160,13 +181,27 @@ def measure(kind: str, megabytes: float, first_look: bool) -> dict[str, float | 
         inside = len(gzip.decompress(path.read_bytes())) / 1e6 if kind == "csv.gz" else size
         del table
         words = [sys.executable, __file__, "--read", str(path), *(["--look"] * first_look)]
-        done = subprocess.run(words, capture_output=True, text=True, check=True)
-    found = json.loads(done.stdout)
+        trees = [Path(__file__).parents[1], *([against] if against else [])]
+        found, *others = _read_by(words, trees)
+    for other in others:
+        found |= {"other_cpu_s": other["read_cpu_s"], "other_memory_MB": other["memory_MB"]}
+        found["ratio"] = found["read_cpu_s"] / other["read_cpu_s"]
     found |= {"kind": kind, "file_MB": size, "MB_per_s": inside / found["read_s"]}
     found["MB_per_cpu_s"] = inside / found["read_cpu_s"]
     rates = f"{found['MB_per_s']:8.1f} MB/s, {found['MB_per_cpu_s']:8.1f} MB per s of processor"
     print(f"{kind:22s} {inside:7.1f} MB {found['read_s']:7.2f} s {rates}", flush=True)
     return {key: round(v, 3) if isinstance(v, float) else v for key, v in found.items()}
+
+
+def _read_by(words: list[str], trees: list[Path]) -> list[dict[str, float]]:
+    """The best of three readings by each tree, in turn."""
+    best: dict[Path, dict[str, float]] = {}
+    for tree in trees * 3:
+        environment = {**os.environ, "PYTHONPATH": str(tree)}
+        done = subprocess.run(words, capture_output=True, text=True, check=True, env=environment)
+        found = json.loads(done.stdout)
+        best[tree] = min(found, best.get(tree, found), key=lambda each: each["read_cpu_s"])
+    return [best[tree] for tree in trees]
 
 
 _BINARY = {"npz", "npy", "mat", "mat73", "h5", "tdms", "parquet", "feather"}
@@ -210,6 +245,7 @@ def main() -> None:
     parser.add_argument("--megabytes", type=float, default=100.0)
     parser.add_argument("--kinds", nargs="*", default=list(KINDS))
     parser.add_argument("--read", type=Path)
+    parser.add_argument("--against", type=Path, metavar="TREE")
     parser.add_argument("--look", action="store_true")
     parser.add_argument("--layouts", action="store_true")
     words = parser.parse_args()
@@ -221,7 +257,8 @@ def main() -> None:
         return
     results: list[dict[str, float | str]] = []
     for kind in words.kinds:
-        results.append(measure(kind, words.megabytes, kind in {"csv", "npz"}))
+        first_look = kind in {"csv", "npz"}
+        results.append(measure(kind, words.megabytes, first_look, words.against))
         write_results("files.json", {"results": results})
 
 

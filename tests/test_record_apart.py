@@ -40,6 +40,15 @@ def test_a_table_comes_back_as_it_was_read(tmp_path):
         apart.read_apart(PARQUET, tmp_path / "b.parquet", "b")
 
 
+def test_a_megabyte_of_parquet_is_read_within_the_limit(tmp_path):
+    # Arrow sets 1 GiB of addresses aside, which was all that the limit left a file of this size.
+    pa, parquet = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
+    columns = np.random.default_rng(0).normal(size=(4, 30_000))
+    parquet.write_table(pa.table(dict(zip("tuzf", columns, strict=True))), tmp_path / "a.parquet")
+    (table,) = apart.read_apart(PARQUET, tmp_path / "a.parquet", "a")
+    np.testing.assert_array_equal(table.columns["z"], columns[2])
+
+
 @pytest.mark.skipif(not hasattr(signal, "SIGABRT") or os.name == "nt", reason="no limits here")
 def test_a_workbook_that_asks_for_all_memory_ends_a_child_alone(tmp_path, monkeypatch):
     openpyxl = pytest.importorskip("openpyxl")

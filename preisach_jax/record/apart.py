@@ -54,8 +54,10 @@ def read_apart(reader: Reader, path: Path, source: str, sheet: str | None = None
         "places": sys.path, "reader": reader.name, "path": str(path), "source": source,
         "sheet": sheet, "seconds": seconds,
     }  # fmt: skip
-    # A pool of threads takes memory for each of the machine's cores.
+    # A pool of threads takes memory for each of the machine's cores, and Arrow's own allocator sets
+    # 1 GiB of addresses aside, which may be all that the limit allows.
     one = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MALLOC_ARENA_MAX"), "1")
+    one["ARROW_DEFAULT_MEMORY_POOL"] = "system"
     try:
         done = subprocess.run(
             [sys.executable, "-I", "-c", _PROGRAM], input=json.dumps(told).encode(),

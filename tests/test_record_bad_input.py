@@ -91,7 +91,6 @@ RANDOM = np.random.default_rng(0).integers(1, 256, 3000, dtype=np.uint8).tobytes
         (b"", "empty"),
         (b"# only a comment\n\n", "no data"),
         (b"t,u,z\n", "no row below the names"),
-        (b"t,u,u\n0,1,2\n1,2,3\n", "'u' stands 2 times"),
         (b"0,1,2\n1,2,3\n2,5,1\n", r"no names \(row 1 is numbers already\)"),
         (b"t,u,z\n0,1,2\n", "one sample"),
     ],

@@ -19,6 +19,7 @@ from preisach_jax.cli import main
 from preisach_jax.diagnosis.selection import effects_to_try
 from preisach_jax.effects import library
 from preisach_jax.export import export_c
+from preisach_jax.look.examination import look_at_file
 from preisach_jax.look.prospects import judged_effects, needing_a_clock
 from preisach_jax.plot.axes import record_axes
 from preisach_jax.record.columns import QuestionError
@@ -125,6 +126,15 @@ def test_what_is_no_record_is_refused_in_a_line_that_says_why(name, capsys):
     assert REFUSED[name] in line
     with pytest.raises(pj.InputError, match=REFUSED[name].split(",")[0]):
         pj.Record.load_all(FILES / name)
+
+
+def test_what_several_tables_show_is_judged_of_all_together():
+    path = FILES / "ferroelectric_three_tables.dat"  # one loop each, of 10 to 1 ms
+    why = {each.effect: each.why for each in look_at_file(path).prospects}
+    assert why["viscosity"] == "rates from 2 kV/s to 20 kV/s (1.0 decades)"
+    assert why["drift"] == "no loop comes again"  # it begins anew in each
+    alone = {each.effect: each.why for each in look_at_file(path, table=2).prospects}
+    assert alone["viscosity"] == "one rate, 6 kV/s"
 
 
 def test_the_values_are_those_of_the_files():
@@ -448,6 +458,13 @@ ODD = {
     "units twice": ("Time [s],U [V],z [um]\n(s),(V),(um)\n" + CSV, "output z [um]"),
     "units that disagree": (
         "t [s],u [V],z [um]\n(ms),(V),(um)\n" + CSV, "says ms where a name says s",
+    ),
+    "a name twice": (
+        "t_s,u_V,z_um,z_um\n" + rows(T, U, Z, Z), "2 columns are called z_um; after the first"
+    ),
+    "a name twice, a number alone tells them apart": (
+        "time_s,force_N,displacement_mm,force_N\n" + rows(T, Z, U, 2 * Z),
+        "column force_N (2) is force_N once more and not used",
     ),
     "empty columns": (
         "t,u,gap,z,more\n" + rows(T, U, "", Z, ""), "nothing stands in gap, more"

@@ -64,9 +64,14 @@ def look(
     _show_columns(table, found.columns)
     if len(found.records) > 1:
         rows = [[str(value) for value in each.values()] for each in found.records]
-        screen.say(f"\n{len(rows)} records of one kind, of which one is shown (--table N)")
+        shown = columns.get("table") or 1
+        screen.say(
+            f"\n{len(rows)} records of one kind, of which {shown} is shown (--table N shows "
+            "another; diagnose takes all, or that one)"
+        )
         screen.table(("record", "rows", "from row", "to row"), rows)
-    _show(found)
+    together = len(found.records) > 1 and columns.get("table") is None
+    _show(found, f"these {len(found.records)} records together" if together else "this record")
     if plot is not None:
         from preisach_jax.plot import png
         from preisach_jax.plot.look import first_look
@@ -94,7 +99,7 @@ def _show_columns(table: Table, views: list[ColumnView] | tuple[ColumnView, ...]
         screen.say(f"... and {count - len(views):,} more columns")
 
 
-def _show(found: Look) -> None:
+def _show(found: Look, what: str) -> None:
     record = found.record
     for note in found.notes:
         screen.note(f"  {note}")
@@ -106,7 +111,7 @@ def _show(found: Look) -> None:
     screen.table(("", "found"), found.rows(), numbers=False)
     well = ", ".join(found.can_tell) or "no effect"
     screen.answer(f"shows well: {well}")
-    screen.say("\nEffects that this record can show, if they are present:")
+    screen.say(f"\nEffects that {what} can show, if they are present:")
     for grade, text in _GRADES.items():
         names = [each.effect for each in found.prospects if each.grade == grade]
         if names:

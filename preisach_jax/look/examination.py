@@ -13,7 +13,7 @@ import scipy
 
 from preisach_jax.look import stretches
 from preisach_jax.look.columns import ColumnView, columns_of
-from preisach_jax.look.prospects import Excitation, prospects
+from preisach_jax.look.prospects import Excitation, of_several, prospects
 from preisach_jax.look.result import Look
 from preisach_jax.record import ReadOptions, Record
 from preisach_jax.record.columns import all_runs, numbered
@@ -111,8 +111,14 @@ def look_at_file(path: str | os.PathLike[str], **options: Unpack[ReadOptions]) -
 
 
 def look_at_tables(parts: Sequence[Table], name: str, /, **options: Unpack[ReadOptions]) -> Look:
-    """Look at one of the records of a file, as `all_runs` gives them, and list all of them."""
+    """Look at one of the records of a file, as `all_runs` gives them, and list all of them.
+
+    Unless one is asked for, what can be told is judged of all together, as they are diagnosed.
+    """
     found = look_at_table(numbered(parts, options.get("table")), name, **options)
+    if len(parts) > 1 and options.get("table") is None:
+        others = [look_at_table(part, name, **options).excitation for part in parts[1:]]
+        found = replace(found, prospects=prospects(of_several([found.excitation, *others])))
     records = tuple(
         {"name": f"{name}, table {k}" if len(parts) > 1 else name, "rows": part.rows.size,
          "first_row": int(part.rows[0]), "last_row": int(part.rows[-1])}

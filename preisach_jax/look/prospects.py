@@ -7,16 +7,17 @@ record can tell need not be there.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from preisach_jax.look.stretches import Stretch, Stroke, band_decades, period, runs
 from preisach_jax.quantity import quantity
 from preisach_jax.record import Record
+from preisach_jax.record.joined import joined
 
 Grade = Literal["well", "poorly", "not at all"]
 
@@ -67,6 +68,7 @@ class Excitation:
         strokes: its moves over a tenth of the range or more.
         noise: RMS of the noise of the output.
         output_step, input_step: steps of converters, 0 where none is seen.
+        parts: those of each record, where there are several: drift and ageing begin anew in each.
     """
 
     record: Record
@@ -76,6 +78,7 @@ class Excitation:
     noise: float
     output_step: float
     input_step: float
+    parts: tuple[Excitation, ...] = ()
 
     @property
     def rates(self) -> tuple[float, float]:
@@ -119,7 +122,9 @@ class Excitation:
         return (self.record.input[ends] - low) / self.record.input_range
 
     def repeats(self) -> int:
-        """How often the whole input, or the loop that is met most often, comes."""
+        """How often the whole input, or the loop that is met most often, comes in one record."""
+        if self.parts:
+            return max(part.repeats() for part in self.parts)
         whole = len(self.record) // self.period if self.period else 0
         pairs = np.round(np.sort(np.stack([self.levels[:-1], self.levels[1:]], 1), axis=1) / SAME)
         pairs = pairs[pairs[:, 1] - pairs[:, 0] > STROKE_CELLS]
@@ -138,6 +143,30 @@ class Excitation:
         minor = (high - low < 0.7) & (high - low > 2 * SAME)
         middle: np.ndarray = 0.5 * (low + high)
         return int(np.unique(np.round(10 * middle[minor])).size)
+
+
+def of_several(found: Sequence[Excitation]) -> Excitation:
+    """What the inputs of several records do, one after the other; noise and steps of the first."""
+    record = joined([each.record for each in found])
+    begin = [run.start for run in record.runs]
+
+    def moved(stretch: Stretch | Stroke, by: int) -> Any:
+        return replace(stretch, start=stretch.start + by, stop=stretch.stop + by)
+
+    turns = [each.turns + by for each, by in zip(found, begin, strict=True)]
+    ends = np.array([row for run in record.runs for row in (run.start, run.stop - 1)][1:-1])
+    return replace(
+        found[0],
+        record=record,
+        parts=tuple(found),
+        turns=np.unique(np.concatenate([*turns, ends])),
+        rests=tuple(
+            moved(r, by) for each, by in zip(found, begin, strict=True) for r in each.rests
+        ),
+        strokes=tuple(
+            moved(s, by) for each, by in zip(found, begin, strict=True) for s in each.strokes
+        ),
+    )
 
 
 STROKE_CELLS = 3  # cells of SAME that a stroke has at least

@@ -450,20 +450,29 @@ def _one_of_each(table: Table, columns: list[str], said: list[str]) -> list[str]
         return columns
     kept = _one_clock(table, columns)
     for column in [c for c in kept if _sureness("time", c, table) == 0]:
-        name = split_unit(column)[0].lower()
+        name = _bare(column)
         rivals = [c for c in kept if c != column and _is_of_one_kind(table, c, column)]
         is_qualified = bool(QUALIFIED.search(name)) and any(
-            not QUALIFIED.search(split_unit(c)[0].lower()) for c in rivals
+            not QUALIFIED.search(_bare(c)) for c in rivals
         )
         kind = quantity_of(name, "")  # two channels in volts need not be one quantity
         earlier = [c for c in rivals if columns.index(c) < columns.index(column)]
-        named = [c for c in earlier if kind and quantity_of(split_unit(c)[0], "") == kind]
+        named = [
+            c
+            for c in earlier
+            if _bare(c) == name or (kind and quantity_of(split_unit(c)[0], "") == kind)
+        ]
         again = next((c for c in named if _is_again(table, c, column, _SAME)), None)
         if is_qualified or again is not None:
             kept.remove(column)
         if again is not None and not is_qualified:
             said.append(f"{table.source}: column {column} is {again} once more and not used")
     return kept
+
+
+def _bare(column: str) -> str:
+    """The name of a column without its unit, in small letters."""
+    return split_unit(column)[0].lower()
 
 
 def _one_clock(table: Table, columns: list[str]) -> list[str]:

@@ -32,7 +32,7 @@ from preisach_jax.record.settings import (
     sampling_of,
     settings_of,
 )
-from preisach_jax.record.table import GREAT, MOST_COLUMNS, Table, check_names, shortened
+from preisach_jax.record.table import GREAT, MOST_COLUMNS, Table, check_names, shortened, told_apart
 from preisach_jax.record.units import is_unit, plain_unit, split_unit, units_behind_names
 
 # In this order: where commas are decimal signs, another delimiter stands between the fields, and
@@ -289,14 +289,17 @@ def _head(lines: list[str], kept: list[int], sure: list[int], source: str, first
     if above is not None:
         delimiter, start = above
     place = f"{source}, row {kept[start] + first_row}"
-    header, named, first = _header(lines, kept, start, delimiter, place)
-    notes = (f"{source}: {start} line(s) before the names were skipped",) if named and start else ()
+    header, named, first, notes = _header(lines, kept, start, delimiter, place)
+    if named and start:
+        notes = (f"{source}: {start} line(s) before the names were skipped", *notes)
     if named and _is_second_names(lines, kept[first : first + 3], delimiter, len(header)):
         other = fields_of(lines[kept[first]], delimiter)
         row = kept[first]
         if _told(other) > _told(header):
-            header, row = other, kept[start]
-            check_names(header, f"{source}, row {kept[first] + first_row}")
+            place = f"{source}, row {kept[first] + first_row}"
+            (header, again), row = told_apart(other, place), kept[start]
+            check_names(header, place)
+            notes += again
         notes += (f"{source}: row {row + first_row}, names once more ({lines[row][:60]}), skipped",)
         first += 1
     units: dict[str, str] = {}
@@ -416,8 +419,8 @@ def _sniff(sample: list[str]) -> tuple[str, int]:
 
 def _header(
     lines: list[str], kept: list[int], start: int, delimiter: str, place: str
-) -> tuple[list[str], bool, int]:
-    """Names, whether the file gives them, and how many kept lines stand before the data."""
+) -> tuple[list[str], bool, int, tuple[str, ...]]:
+    """Names, whether the file gives them, how many kept lines stand before the data, and notes."""
     fields = fields_of(lines[kept[start]], delimiter)
     named, first = True, start + 1
     commented = _commented_names(lines[: kept[start]], delimiter, len(fields))
@@ -426,9 +429,10 @@ def _header(
         first = start
         named = commented is not None
         fields = commented or [str(i + 1) for i in range(len(fields))]
-    names = [name or f"column {i + 1}" for i, name in enumerate(fields)]
+    given = [name or f"column {i + 1}" for i, name in enumerate(fields)]
+    names, notes = told_apart(given, place)
     check_names(names, place)
-    return names, named, first
+    return names, named, first, notes
 
 
 def _commented_names(before: list[str], delimiter: str, width: int) -> list[str] | None:

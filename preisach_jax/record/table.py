@@ -93,9 +93,11 @@ class Table:
                     f"{self.place(column, bad[0])}: the names stand here again, so that another "
                     "table begins; give each table as a file of its own"
                 )
-            more = f" (and {bad.size - 1} more)" if bad.size > 1 else ""
+            others = ", ".join(map(str, self.rows[bad[1:6]]))
+            more = f" and {bad.size - 6} more" if bad.size > 6 else ""
+            also = f", nor is what stands in row(s) {others}{more}" if others else ""
             raise InputError(
-                f"{self.place(column, bad[0])}: {entry[:60]!r} is not a number{more}; {remedy}"
+                f"{self.place(column, bad[0])}: {entry[:60]!r} is not a number{also}; {remedy}"
             )
         return values
 
@@ -139,6 +141,24 @@ class Table:
             except (TypeError, ValueError, OverflowError):
                 bad.append(k)
         return values, np.array(bad, dtype=int)
+
+
+def told_apart(names: Sequence[str], place: str) -> tuple[list[str], tuple[str, ...]]:
+    """Names of columns with a number behind those that stand again, and a note that says so."""
+    found, count = list[str](), Counter[str]()
+    for name in names:
+        count[name] += 1
+        numbered = f"{name} ({count[name]})" if count[name] > 1 else name
+        found.append(distinct(numbered, names) if numbered != name else name)
+    again = [name for name, times in count.items() if times > 1]
+    if not again:
+        return found, ()
+    more = f" (and {len(again) - 1} names more so)" if len(again) > 1 else ""
+    name = again[0][:60]
+    return found, (
+        f"{place}: {count[again[0]]} columns are called {name}{more}; after the first they are "
+        f"{name} (2) and so on",
+    )
 
 
 def check_names(names: Sequence[str], place: str) -> None:

@@ -86,9 +86,13 @@ _LONGEST = 200
 """Characters of a name in which a unit is looked for: what is longer is no name of a quantity."""
 
 
+_AGAIN = re.compile(r" \(\d+\)$")
+"""What stands behind a name that another column has too."""
+
+
 def split_unit(column: str) -> tuple[str, str]:
     """A column's name without its unit, and the unit as it is written there, `""` if none."""
-    column = column.strip()
+    column = _AGAIN.sub("", column.strip())
     if column.startswith("in ") and column[3:].strip() in _SUFFIXES:
         return "", column[3:].strip()
     if len(column) > _LONGEST:  # the time of the patterns below grows with its square

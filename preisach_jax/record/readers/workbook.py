@@ -18,7 +18,7 @@ from preisach_jax.record.readers.base import Reader, library, not_readable
 from preisach_jax.record.readers.packed import check_members
 from preisach_jax.record.sampling import with_stated_time
 from preisach_jax.record.settings import header_start, is_row_of_numbers, sampling_of, settings_of
-from preisach_jax.record.table import Table, check_names
+from preisach_jax.record.table import Table, check_names, told_apart
 from preisach_jax.record.units import is_unit, plain_unit
 
 OLE = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
@@ -117,8 +117,10 @@ def _table_of_sheet(rows: Sequence[Sequence[Any]], place: str, source: str) -> T
     first = [_text(cell) for cell in rows[kept[begin]]]
     named = not is_row_of_numbers(first)
     names = first if named else [str(k + 1) for k in range(used)]
+    names = [name or f"column {k + 1}" for k, name in enumerate(names)]
     data = begin + int(named)
     units: dict[str, str] = {}
+    names, again = told_apart(names, f"{place}, row {kept[begin] + 1}")
     if named and data < len(kept):
         below = [_text(cell) for cell in rows[kept[data]]]
         if any(below) and all(is_unit(cell) for cell in below if cell):
@@ -129,7 +131,6 @@ def _table_of_sheet(rows: Sequence[Sequence[Any]], place: str, source: str) -> T
         raise InputError(
             f"{place}: there is no row below row {kept[begin] + 1}; give a sheet with data"
         )
-    names = [name or f"column {k + 1}" for k, name in enumerate(names)]
     columns = {k: [rows[i][k] if k < len(rows[i]) else "" for i in body] for k in range(used)}
     columns = {
         k: cells
@@ -147,6 +148,7 @@ def _table_of_sheet(rows: Sequence[Sequence[Any]], place: str, source: str) -> T
         decimal="," if any(_has_comma(column) for column in values.values()) else ".",
         units={name: unit for name, unit in units.items() if name in values}
         | {names[k]: "s" for k, cells in columns.items() if isinstance(cells[0], timedelta)},
+        notes=again,
     )
     return with_stated_time(table, sampling_of(settings_of(lines, "\t")))
 

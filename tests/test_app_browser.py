@@ -192,3 +192,11 @@ def test_a_bad_file_is_refused_and_what_is_open_stays(tab, tmp_path):
         assert "/" not in told.inner_text().replace("CSV/", "")
         assert rungs(tab) == before
     keep(tab, "refused")
+    # A file whose columns are a question takes its place, and nothing of it stays.
+    (tmp_path / "plain.csv").write_text(
+        "".join(f"{k},{k % 7},{k % 5},{k % 3}\n" for k in range(99))
+    )
+    drop(tab, tmp_path / "plain.csv")
+    tab.get_by_text("press the loop that is right").wait_for()
+    assert tab.locator("ol.ladder li, .verdict").count() == 0
+    keep(tab, "asked")

@@ -66,6 +66,7 @@ class Page(Opening):
     def _show_opened(self, opened: Opened, project: Project | None = None) -> None:
         self._columns_are_folded = True
         super()._show_opened(opened, project)
+        self._refresh()
 
     def _forget_record(self) -> None:
         super()._forget_record()
@@ -97,10 +98,8 @@ class Page(Opening):
     def _show_pane(self, name: str) -> None:
         """Show one of the panes, drawn anew; its switch follows."""
         self._is_drawn = name
-        self._layout.shown.options = [
-            each for each in self._panes if each != "Model" or self._walk is not None
-        ]
-        self._layout.shown.value = name
+        panes = [each for each in self._panes if each != "Model" or self._walk is not None]
+        self._layout.shown.param.update(options=panes, value=name)  # at once: None is no pane
         self._layout.axis.visible = name == "Model"
         show(self._layout.record, name == "Record")
         show(self._layout.first, self._record is not None)

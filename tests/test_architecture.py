@@ -19,7 +19,7 @@ PACKAGE = Path(preisach_jax.__file__).parent
 
 # From below: a file may import from those before its own layer, and within its layer.
 LAYERS: Sequence[str] = (
-    "errors escape quantity hooks files cores devices operator filter signals plant piezo "
+    "errors escape quantity hooks files cores devices tree operator filter signals plant piezo "
     "frequency theory record look effects mechanics chain model loss export compensation "
     "identify fit diagnosis present paper plot report app cli __main__"
 ).split()

@@ -20,6 +20,7 @@ from preisach_jax.effects.base import (
 )
 from preisach_jax.errors import EffectError
 from preisach_jax.operator.plane import Plane
+from preisach_jax.tree import Tree
 
 Kind = TypeVar("Kind", bound=Effect)
 
@@ -38,7 +39,7 @@ def model_name(effects: Iterable[str]) -> str:
     return " + ".join(("Preisach model", *effects))
 
 
-class Chain(eqx.Module):
+class Chain(Tree):
     """What is in a model and in which order, without its numbers.
 
     Arguments:

@@ -51,16 +51,18 @@ def behind_hysteresis(
     hysteresis: jax.Array,
     coefficients: Coefficients,
     known: Mapping[str, jax.Array] | None = None,
+    gains: Sequence[jax.Array] | None = None,
     in_steps: bool = True,
 ) -> jax.Array:
     """From the output of the Preisach operator to that of the model, `(time,)`.
 
     Arguments:
         hysteresis: (time,) output of the operator.
+        known, gains: `columns_beside` and `gains_of`, as far as they are known.
         in_steps: whether the reading has the steps of a converter.
     """
     signal = in_numpy(hysteresis)
-    for factor in gains_of(chain, values, signals):
+    for factor in gains_of(chain, values, signals) if gains is None else gains:
         signal = signal * in_numpy(factor)
     for effect in chain.at(OutputEffect):
         own = as_arrays(values[effect.name])
@@ -228,7 +230,8 @@ def _moved_output(
     hysteresis = None
     if chain.feeds_back or any(effect not in before for effect, _ in parameters):
         hysteresis = hysteresis_output(chain, values, signals, coefficients)
-    beside = columns_beside(chain, values, signals, {})
+    beside, gains = columns_beside(chain, values, signals, {}), gains_of(chain, values, signals)
+    gaining = {effect.name for effect in chain.at(WeightEffect)}
 
     def output(effect: str, own: Mapping[str, Any]) -> jax.Array:
         moved = cast(EffectValues, {**values, effect: {**values[effect], **own}})
@@ -241,8 +244,10 @@ def _moved_output(
         else:
             assert hysteresis is not None
             given = hysteresis
-        others = _unmoved(chain, beside, effect)
-        return behind_hysteresis(chain, moved, signals, given, coefficients, others, in_steps=False)
+        others, factors = _unmoved(chain, beside, effect), None if effect in gaining else gains
+        return behind_hysteresis(
+            chain, moved, signals, given, coefficients, others, factors, in_steps=False
+        )
 
     return output
 

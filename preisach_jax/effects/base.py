@@ -34,6 +34,7 @@ from preisach_jax.effects.linear import StateSpace, response
 from preisach_jax.effects.low_pass import low_pass_step as low_pass_step  # noqa: PLC0414
 from preisach_jax.effects.parameter import Parameter, declared_by, time_constant
 from preisach_jax.errors import EffectError, InputError, unfinished
+from preisach_jax.tree import Tree
 
 Values = Mapping[str, Any]
 """Values of an effect's parameters by name."""
@@ -112,7 +113,7 @@ class Survey:
         return np.delete(speeds, np.array(self.starts, dtype=int) - 1) if self.starts else speeds
 
 
-class Signals(eqx.Module):
+class Signals(Tree):
     """What drives a model: time (s), input, and auxiliary columns, each `(time,)`.
 
     `gone` is the path of the input where these samples do not hold all of it.
@@ -135,7 +136,7 @@ class Signals(eqx.Module):
         return jnp.cumsum(moves) - moves
 
 
-class Effect(eqx.Module):
+class Effect(Tree):
     """What all effects share: the texts of the library, and the parameters.
 
     Class attributes:

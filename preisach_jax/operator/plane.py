@@ -18,6 +18,7 @@ from jax.typing import ArrayLike
 
 from preisach_jax.errors import InputError, shown, whole_number
 from preisach_jax.operator.inputs import as_float, require_hysteron
+from preisach_jax.tree import Tree
 
 FINE = 32
 """Bins of the input for each threshold, when thresholds are placed where the output moves."""
@@ -44,7 +45,7 @@ def _require_memory(kind: str) -> None:
         )
 
 
-class Plane(eqx.Module):
+class Plane(Tree):
     """Discretised Preisach half-plane α ≥ β with N levels per axis and L = N(N+1)/2 cells.
 
     δx = (high - low)/N, and the thresholds lie at the centres low + (i + 1/2)δx of the N cells of

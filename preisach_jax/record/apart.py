@@ -56,12 +56,12 @@ def read_apart(reader: Reader, path: Path, source: str, sheet: str | None = None
     }  # fmt: skip
     # A pool of threads takes memory for each of the machine's cores, and Arrow's own allocator sets
     # 1 GiB of addresses aside, which may be all that the limit allows.
-    one = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MALLOC_ARENA_MAX"), "1")
-    one["ARROW_DEFAULT_MEMORY_POOL"] = "system"
+    threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MALLOC_ARENA_MAX"), "1")
+    small = {**threads, "ARROW_DEFAULT_MEMORY_POOL": "system"}
     try:
         done = subprocess.run(
             [sys.executable, "-I", "-c", _PROGRAM], input=json.dumps(told).encode(),
-            capture_output=True, env={**os.environ, **one}, timeout=10 * seconds, check=False,
+            capture_output=True, env={**os.environ, **small}, timeout=10 * seconds, check=False,
         )  # fmt: skip
         cause = _cause(done.returncode, done.stderr.decode(errors="replace"))
     except subprocess.TimeoutExpired:

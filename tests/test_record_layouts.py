@@ -442,6 +442,15 @@ def test_a_unique_beginning_of_a_name_is_enough(tmp_path):
         pj.Record.load(path, input="Gap", output="Act")
 
 
+def test_a_number_is_the_place_of_a_column_in_the_file(tmp_path):
+    # Also where the instrument is known, whose layout says which column is the time.
+    (tmp_path / "a.dat").write_text(LAYOUTS["qd_mpms_xl.dat"].text)
+    record = pj.Record.load(tmp_path / "a.dat", time="1", input="3", output="5")
+    assert [record.channels[role].name for role in ("time", "input", "output")] == [
+        "Time", "Field (Oe)", "Long Moment (emu)"
+    ]  # fmt: skip
+
+
 # --- odd input: what was made of it, or why not ---------------------------------------------------
 
 CSV = rows(T, U, Z)

@@ -238,8 +238,7 @@ def _found(table: Table, name: str, option: str, by_name: bool = True) -> str:
     name = printable(name)  # as the table has it
     if name in table.columns and (by_name or not name.isdecimal()):
         return name
-    own = [column for column in table.columns if column != table.roles.get("time")]
-    ordered = own if "time" in table.roles else list(table.columns)
+    ordered = list(table.columns)[table.makes_time :]
     if name.isdecimal() and 1 <= int(name) <= len(ordered):
         return ordered[int(name) - 1]
     for what, alike in (

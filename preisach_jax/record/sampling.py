@@ -137,6 +137,7 @@ def table_of_signals(signals: Mapping[str, Signal], source: str) -> Table:
         np.flatnonzero(within) + 1,
         units={MADE_TIME: "s"} | {name: s.unit for name, s in signals.items() if s.unit},
         roles={"time": MADE_TIME},
+        makes_time=True,
         notes=_told(source, resampled, fastest, step, int((~within).sum())),
     )
 

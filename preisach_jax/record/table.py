@@ -35,6 +35,7 @@ class Table:
         is_record: whether it was made of a record, whose times stay what they are: in a file, great
             ones count from an epoch.
         sheets: names of the other sheets of a workbook that hold the same columns.
+        makes_time: whether its first column is a time that was made, and stands in no file.
         exact: columns of numbers so great that float64 cuts them: (K,) integers, or the texts.
     """
 
@@ -49,6 +50,7 @@ class Table:
     initial_memory: str = "free"
     notes: tuple[str, ...] = ()
     is_record: bool = False
+    makes_time: bool = False
     exact: Mapping[str, np.ndarray] = field(default_factory=dict[str, np.ndarray])
     torn_row: int | None = None
     sheets: tuple[str, ...] = ()

@@ -118,6 +118,7 @@ def _table(segment: _Segment, kind: str, separator: str, decimal: str, source: s
         rows[:size],
         units={MADE_TIME: "s", **units},
         roles={"time": MADE_TIME},
+        makes_time=True,
     )
 
 

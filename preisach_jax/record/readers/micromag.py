@@ -85,6 +85,7 @@ def read_micromag(text: str, source: str) -> Table:
         rows,
         units={"t": "s", "field": "Oe" if is_cgs else "T", "moment": "emu" if is_cgs else "A·m²"},
         roles={"time": "t", "input": "field", "output": "moment"},
+        makes_time=True,
         initial_memory="high" if saturation > 0 else "low",
         notes=(note,),
     )

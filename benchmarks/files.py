@@ -219,12 +219,13 @@ def layouts() -> None:
     from test_record_layouts import FILES, LAYOUTS
 
     with tempfile.TemporaryDirectory() as folder:
-        typed = {Path(folder) / name: layout.source for name, layout in LAYOUTS.items()}
-        for path in typed:
-            path.write_text(LAYOUTS[path.name].text, encoding="utf-8")
-        both = typed | dict.fromkeys(sorted(FILES.iterdir()), "kept by people of the field")
-        opened(next(iter(both)))  # what is loaded once
-        rows = [{"file": p.name, "source": source, **opened(p)} for p, source in both.items()]
+        typed = {Path(folder) / name: layout[0] for name, layout in LAYOUTS.items()}
+        for path, content in typed.items():
+            path.write_text(content, encoding="utf-8")
+        both = [(path, "typed after a manual or a published file") for path in typed]
+        both += [(path, "kept by people of the field") for path in sorted(FILES.iterdir())]
+        opened(both[0][0])  # what is loaded once
+        rows = [{"file": path.name, "source": source, **opened(path)} for path, source in both]
     write_results("layouts.json", {"layouts": rows})
 
 

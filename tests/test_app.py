@@ -76,9 +76,11 @@ class TestUpload:
         assert record.name == "My stage.csv"
         assert len(record) == 200
         upload = Upload.of("scope.csv", csv(header="TIME,CH1,CH2"))
+        assert upload.guess == {"time": "TIME", "input": "CH1", "output": "CH2"}
+        upload = Upload.of("scope.csv", csv(header="TIME,CH1,probe"))
         assert upload.guess == {"time": "TIME", "input": None, "output": None}
         assert "choose" in upload.question
-        choice: ReadOptions = {"time": None, "input": "CH1", "output": "CH2", "rate": 100.0}
+        choice: ReadOptions = {"time": None, "input": "CH1", "output": "probe", "rate": 100.0}
         assert upload.records(choice)[0].step_s == pytest.approx(0.01)
 
     def test_messages_name_the_file_and_not_where_it_is_kept(self):

@@ -356,6 +356,23 @@ LAYOUTS = {
         above="HBM_CATMAN_DATAFILE_40\n",
     ),
     # Published tests of many kinds of specimens.
+    "picoscope.csv": layout("Time,Channel A,Channel B", "muz", "V V", below="(ms),(V),(V)\n\n"),
+    "waveforms.csv": layout(  # Digilent WaveForms
+        "Time (s),Channel 1 (V),Channel 2 (V)", "tuz", "V V",
+        above="#Digilent WaveForms Oscilloscope Acquisition\n#Sample rate: 100Hz\n\n",
+    ),
+    "moku.csv": layout(  # Liquid Instruments
+        "% Time (s), Channel A (V), Channel B (V)", "tuz", "V V", above="% Oscilloscope\n",
+        taken=["Time (s)", "Channel A (V)", "Channel B (V)"],
+    ),
+    "nova.txt": layout(  # Metrohm Autolab
+        "Potential applied (V);Time (s);WE(1).Current (A);WE(1).Potential (V);Scan;Index", "utzu1n",
+        "V A", sep=";", taken=["Time (s)", "Potential applied (V)", "WE(1).Current (A)"],
+    ),
+    "dewesoft.txt": layout(
+        "Time (s)\tForce (kN)\tDisplacement (mm)", "tzu", "mm kN", sep="\t",
+        above="Data info\nFile name: a.dxd\nNumber of channels: 2\n\n",
+    ),
     "coupon.txt": layout("strain [mm/mm]\tstress [MPa]", "%z", "mm/mm MPa", sep="\t"),
     "wall.csv": layout("Horizontal load (kN),Top displacement (mm)", "zu", "mm kN"),
     "memory_wire.csv": layout("time [s],Temperature [°C],Strain [%]", "tuz", "°C %"),
@@ -444,7 +461,7 @@ def test_a_unique_beginning_of_a_name_is_enough(tmp_path):
 
 def test_a_number_is_the_place_of_a_column_in_the_file(tmp_path):
     # Also where the instrument is known, whose layout says which column is the time.
-    (tmp_path / "a.dat").write_text(LAYOUTS["qd_mpms_xl.dat"].text)
+    (tmp_path / "a.dat").write_text(LAYOUTS["qd_mpms_xl.dat"][0])
     record = pj.Record.load(tmp_path / "a.dat", time="1", input="3", output="5")
     assert [record.channels[role].name for role in ("time", "input", "output")] == [
         "Time", "Field (Oe)", "Long Moment (emu)"

@@ -294,7 +294,7 @@ def _by_name(
         times = [c for c in usable if _sureness("time", c, table) > 0 and is_clock(table, c)]
         if "time" in wanted and len(times) > 1:
             raise
-        pair = _by_pairs(table, usable, told, said)
+        pair = _by_pairs(table, usable, told, said) or _by_channels(table, usable, told, said)
         if pair is None:
             # A constant input, or an output that is empty, is rather what is wrong.
             known = any(_sureness(role, c, table) for role in _ROLES[1:] for c in refused)
@@ -401,6 +401,33 @@ def _by_pairs(
         command = f"--input {shlex.quote(one)} --output {shlex.quote(other)}"
         said.append(f"{table.source}: {one} and {other} are another pair: {command}")
     return {"input": first[0], "output": first[1]}
+
+
+def _by_channels(
+    table: Table, usable: list[str], told: Mapping[str, str | None], said: list[str]
+) -> dict[str, str] | None:
+    """Input and output as the two channels of an instrument, in their order, if that is all."""
+    signals = [c for c in usable if not rises(table.lenient_numbers(c))]
+    kinds = {_channel_kind(column) for column in signals}
+    if told["input"] or told["output"] or len(signals) != 2 or len(kinds) > 1 or None in kinds:
+        return None
+    one, other = signals
+    swapped = f"--input {shlex.quote(other)} --output {shlex.quote(one)}"
+    said.append(
+        f"{table.source}: channels tell no quantity: {one} is taken as the input and {other} as "
+        f"the output, in their order; else {swapped}"
+    )
+    return {"input": one, "output": other}
+
+
+_CHANNEL = re.compile(r"(ch|chan|channel|kanal|ai|ain)[ _.]?(\d{1,2}|[a-h])|\d{1,2}", re.IGNORECASE)
+"""Name of a channel of an oscilloscope or converter: `CH1`, `Channel A`, `ai0`, `2`."""
+
+
+def _channel_kind(column: str) -> str | None:
+    """What a channel is called before its number or letter; None if the column is none."""
+    match = _CHANNEL.fullmatch(split_unit(column)[0].strip())
+    return (match[1] or "").lower() if match else None
 
 
 def _usable(table: Table, used: list[str]) -> tuple[list[str], dict[str, str]]:
@@ -743,6 +770,8 @@ def why(table: Table, role: str, column: str) -> str:
     sure = _sureness(role, column, table)
     if sure in (_SURE, _LIKELY):
         return "by its name"
+    if role != "time" and _channel_kind(column) is not None:
+        return "by the order of channels"
     if sure == _BY_UNIT:
         return f"by its unit {unit_of(table, column)}"
     kind = quantity_of(split_unit(column)[0], unit_of(table, column))

@@ -57,8 +57,9 @@ def in_page(page, path: Path) -> dict:
     find.click()
     page.locator(".verdict b").first.wait_for()
     cancel = page.get_by_role("button", name="Cancel", exact=True)
-    while cancel.is_enabled():
-        time.sleep(0.2)
+    for awaited in (True, False):  # the search begins, and ends
+        while cancel.is_enabled() is not awaited:
+            time.sleep(0.1)
     said = " ".join(page.locator(".verdict").inner_text().split())
     seconds = round(time.perf_counter() - begun, 1)
     return {"questions": questions, "fitted_s": shown, "seconds": seconds, "said": said}

@@ -102,7 +102,25 @@ def layouts() -> str:
 {len(rows) - asked - refused} without a question, {asked} with one, {refused} refused with why.
 {made(content)}
 
-{table(["file", "described in", "taken", "look, s"], rows)}"""
+{table(["file", "described in", "taken", "look, s"], rows)}
+
+From the file to the verdict of a diagnosis with no option, on the command line and by "Find it for
+me" in the page; a question was answered by the command that it offers, and by the first loop.
+{made(tried := result("doors.json"))}
+
+{table(["file", "questions", "command line, s", "page, s", "verdict"], doors(tried))}"""
+
+
+def doors(content: Result) -> list[list[str]]:
+    """From a file to its verdict."""
+    return [
+        [
+            f"`{row['file']}`", f"{row['command']['questions']}, {row['page']['questions']}",
+            f"{row['command']['seconds']:.0f}", f"{row['page']['seconds']:.0f}",
+            row["command"]["said"],
+        ]
+        for row in content["rows"]
+    ]  # fmt: skip
 
 
 def taken(row: Result) -> str:

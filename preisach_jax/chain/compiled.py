@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping
 from functools import lru_cache, partial, wraps
 from typing import Any, Concatenate, ParamSpec, TypeVar, cast
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -106,7 +105,7 @@ def _jitted(function: Callable[..., Result]) -> Callable[..., Result]:
 
 _ARRAYS = (np.ndarray, np.generic, jax.Array)
 
-_NUMBERS = "numbers"
+_NUMBERS = object()
 """What stands for an array among the leaves that a program is compiled for."""
 
 
@@ -153,7 +152,7 @@ def _filtered(
     return filtered(jax.tree.map(np.asarray, law), step, signals)
 
 
-@lru_cache(16)
+@lru_cache(8)
 def _lengths_of_steps(time: bytes, kind: np.dtype) -> tuple[np.ndarray, np.ndarray]:
     """The lengths of the steps of a time, each once, and which of them leads to each sample."""
     dt = np.diff(np.frombuffer(time, kind), prepend=np.frombuffer(time, kind)[:1])
@@ -271,7 +270,7 @@ def converted_reading(effect: SensorEffect, values: Values, reading: Array) -> A
 
 
 # Compiled apart: inside other functions, what is computed of one path may differ in the last bit.
-@eqx.filter_jit
+@jax.jit
 def _scaled(path: Array, low: Array, width: Array) -> Array:
     return (path - low) / width
 
@@ -288,7 +287,7 @@ def compiled_on_a_plane(
         low, width = as_array(float(plane.low)), as_array(float(plane.high - plane.low))
 
         def scaled(path: Array) -> Array:
-            return _scaled(path, low, width)
+            return cast(Array, _scaled(path, low, width))
 
         unit = plane.scaled()
         return compiled(unit, jax.tree.map(scaled, course), *arguments, **named)

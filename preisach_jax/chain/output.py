@@ -231,7 +231,6 @@ def _moved_output(
     if chain.feeds_back or any(effect not in before for effect, _ in parameters):
         hysteresis = hysteresis_output(chain, values, signals, coefficients)
     beside, gains = columns_beside(chain, values, signals, {}), gains_of(chain, values, signals)
-    gaining = {effect.name for effect in chain.at(WeightEffect)}
 
     def output(effect: str, own: Mapping[str, Any]) -> jax.Array:
         moved = cast(EffectValues, {**values, effect: {**values[effect], **own}})
@@ -244,7 +243,8 @@ def _moved_output(
         else:
             assert hysteresis is not None
             given = hysteresis
-        others, factors = _unmoved(chain, beside, effect), None if effect in gaining else gains
+        others = _unmoved(chain, beside, effect)
+        factors = None if isinstance(chain.effect(effect), WeightEffect) else gains
         return behind_hysteresis(
             chain, moved, signals, given, coefficients, others, factors, in_steps=False
         )

@@ -298,7 +298,6 @@ def _head(lines: list[str], kept: list[int], sure: list[int], source: str, first
         if _told(other) > _told(header):
             place = f"{source}, row {kept[first] + first_row}"
             (header, again), row = told_apart(other, place), kept[start]
-            check_names(header, place)
             notes += again
         notes += (f"{source}: row {row + first_row}, names once more ({lines[row][:60]}), skipped",)
         first += 1
@@ -431,7 +430,6 @@ def _header(
         fields = commented or [str(i + 1) for i in range(len(fields))]
     given = [name or f"column {i + 1}" for i, name in enumerate(fields)]
     names, notes = told_apart(given, place)
-    check_names(names, place)
     return names, named, first, notes
 
 

@@ -146,12 +146,12 @@ class Table:
 
 
 def told_apart(names: Sequence[str], place: str) -> tuple[list[str], tuple[str, ...]]:
-    """Names of columns with a number behind those that stand again, and a note that says so."""
-    found, count = list[str](), Counter[str]()
+    """Checked names with a number behind those that stand again, and a note that says so."""
+    found, count, given = list[str](), Counter[str](), set(names)
     for name in names:
         count[name] += 1
-        numbered = f"{name} ({count[name]})" if count[name] > 1 else name
-        found.append(distinct(numbered, names) if numbered != name else name)
+        found.append(distinct(f"{name} ({count[name]})", given) if count[name] > 1 else name)
+    check_names(found, place)
     again = [name for name, times in count.items() if times > 1]
     if not again:
         return found, ()

@@ -18,7 +18,7 @@ from preisach_jax.record.readers.base import Reader, library, not_readable
 from preisach_jax.record.readers.packed import check_members
 from preisach_jax.record.sampling import with_stated_time
 from preisach_jax.record.settings import header_start, is_row_of_numbers, sampling_of, settings_of
-from preisach_jax.record.table import Table, check_names, told_apart
+from preisach_jax.record.table import Table, told_apart
 from preisach_jax.record.units import is_unit, plain_unit
 
 OLE = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
@@ -137,7 +137,6 @@ def _table_of_sheet(rows: Sequence[Sequence[Any]], place: str, source: str) -> T
         for k, cells in columns.items()
         if (k < len(first) and first[k]) or any(cell != "" for cell in cells)
     }
-    check_names([names[k] for k in columns], f"{place}, row {kept[begin] + 1}")
     values = {names[k]: _column(cells) for k, cells in columns.items()}
     lines = ["\t".join(_text(cell) for cell in rows[k]) for k in range(kept[begin])]
     table = Table(

@@ -143,7 +143,7 @@ def read(path: Path, first_look: bool) -> dict[str, float]:
     """Times of one file, in a process that reads nothing else."""
     import pandas as pd  # noqa: F401 - loaded once for whatever is read
 
-    from preisach_jax.record import Record
+    from preisach_jax.record.core import Record
 
     names = {"time": "1", "input": "2", "output": "3"}
     if path.name.startswith(("h5", "mat73", "parquet", "feather")):  # which keep columns by name

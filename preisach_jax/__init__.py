@@ -53,7 +53,7 @@ if TYPE_CHECKING:
     from preisach_jax.operator.simulation import simulate
     from preisach_jax.paper.sweep import Sweep, sweep
     from preisach_jax.plant import simulate_stage
-    from preisach_jax.record import Record
+    from preisach_jax.record.core import Record
 
     __version__: str
 
@@ -135,7 +135,7 @@ _NAMES = {
     "operator.simulation": "simulate",
     "paper.sweep": "Sweep sweep",
     "plant": "simulate_stage",
-    "record": "Record",
+    "record.core": "Record",
 }
 """The names that each module defines, within this package."""
 

@@ -13,7 +13,7 @@ from preisach_jax.errors import InputError
 from preisach_jax.model import Model, Prediction
 from preisach_jax.model.band import COVERAGE_Z, InputMotion, VarianceLaw
 from preisach_jax.quantity import pretty_unit
-from preisach_jax.record import Record
+from preisach_jax.record.core import Record
 from preisach_jax.record.course import reversals
 from preisach_jax.record.units import split_unit
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from preisach_jax.fit import Fit, Training
     from preisach_jax.loss import Loss
     from preisach_jax.model import Model, ParameterEstimate
-    from preisach_jax.record import Record
+    from preisach_jax.record.core import Record
     from preisach_jax.record.joined import RunErrors
 
 

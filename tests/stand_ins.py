@@ -13,7 +13,7 @@ from preisach_jax.effects.creep import Creep
 from preisach_jax.effects.drift import Drift
 from preisach_jax.model import ParameterEstimate
 from preisach_jax.operator.plane import Plane
-from preisach_jax.record import Record
+from preisach_jax.record.core import Record
 
 ROWS = 1200
 

@@ -32,7 +32,8 @@ from preisach_jax.app.panels import failure, ladder, table, told, verdict
 from preisach_jax.app.steps import Click, Walk, exports, packed, repeated, saved, script, unpacked
 from preisach_jax.app.upload import Upload, harmless_name
 from preisach_jax.app.views import Views
-from preisach_jax.record import ReadOptions, Record
+from preisach_jax.record.columns import ReadOptions
+from preisach_jax.record.core import Record
 
 EVIL = "<img src=x onerror=alert(1)>"
 

@@ -17,7 +17,7 @@ from preisach_jax.effects.creep import Creep
 from preisach_jax.fit.stepwise import base_point
 from preisach_jax.identify.problem import Problem
 from preisach_jax.operator.plane import Plane
-from preisach_jax.record import Record
+from preisach_jax.record.core import Record
 
 LEVELS, RATE = 9, 500.0
 NOISE = 0.02

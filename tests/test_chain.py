@@ -23,7 +23,7 @@ from preisach_jax.identify.gauss_newton import linearise, starts_of
 from preisach_jax.identify.problem import Problem, evaluate
 from preisach_jax.operator.plane import Plane
 from preisach_jax.operator.states import hysteron_states
-from preisach_jax.record import Record
+from preisach_jax.record.core import Record
 
 PLANE = Plane(levels=5, low=0.0, high=12.0)
 COUNT = 400

@@ -20,7 +20,7 @@ from preisach_jax.cli import demonstration, main
 from preisach_jax.diagnosis.comparison import compare
 from preisach_jax.errors import InputError
 from preisach_jax.model import Model
-from preisach_jax.record import Record
+from preisach_jax.record.core import Record
 
 ROWS = 700
 

@@ -38,7 +38,7 @@ from preisach_jax.fit.stepwise import at_levels, base_point, on_a_coarser_plane,
 from preisach_jax.identify.problem import FOLDS, Problem, with_all_rows
 from preisach_jax.identify.regression import solve_nonnegative
 from preisach_jax.operator.plane import Plane
-from preisach_jax.record import Record
+from preisach_jax.record.core import Record
 
 LEVELS = 9
 

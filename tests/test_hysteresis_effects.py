@@ -35,7 +35,7 @@ from preisach_jax.identify.problem import Problem
 from preisach_jax.model import Model
 from preisach_jax.operator.plane import Plane
 from preisach_jax.operator.states import hysteron_states, weighted_states
-from preisach_jax.record import Record
+from preisach_jax.record.core import Record
 from preisach_jax.record.course import lattice_step
 
 PLANE = Plane(levels=5, low=0.0, high=12.0)

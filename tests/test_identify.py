@@ -32,7 +32,7 @@ from preisach_jax.identify.problem import (
     with_strength,
 )
 from preisach_jax.operator.plane import Plane
-from preisach_jax.record import Record
+from preisach_jax.record.core import Record
 
 
 @pytest.fixture(autouse=True)

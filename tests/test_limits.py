@@ -21,7 +21,7 @@ from preisach_jax.identify.problem import ALL, Point, Problem, evaluate, with_al
 from preisach_jax.identify.regression import normal_equations, penalties
 from preisach_jax.identify.signature import Projection
 from preisach_jax.operator.plane import Plane
-from preisach_jax.record import Record
+from preisach_jax.record.core import Record
 
 LEVELS, COUNT, STEP = 9, 3000, 0.005
 UNITS = {"input": "V", "output": "um"}

@@ -63,7 +63,7 @@ def test_turns_and_rates_are_those_that_were_played():
     assert slowest == pytest.approx(5.0, rel=0.1)
     assert fastest == pytest.approx(500.0, rel=0.1)
     assert excitation.decades == pytest.approx(2.0, abs=0.1)
-    assert look(record_of(LOOPS)).excitation.repeats() == 5
+    assert look(record_of(LOOPS)).excitation.repeats == 5
 
 
 @given(st.floats(1e-4, 1e-1), st.integers(0, 99))

@@ -26,7 +26,7 @@ from preisach_jax.identify.problem import Problem, evaluate
 from preisach_jax.model import FORMAT_VERSION, Model
 from preisach_jax.model.band import Band, InputMotion, Others, drift_deviation, spread_of
 from preisach_jax.operator.plane import Plane
-from preisach_jax.record import Record
+from preisach_jax.record.core import Record
 from preisach_jax.record.course import time_since_reversal
 
 RATE = 500.0

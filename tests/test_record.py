@@ -9,7 +9,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from preisach_jax.errors import InputError
-from preisach_jax.record import Channel, Record
+from preisach_jax.record.channels import Channel
+from preisach_jax.record.core import Record
 from preisach_jax.record.units import is_known_unit, split_unit
 
 K = 60

@@ -30,11 +30,11 @@ def test_a_table_comes_back_as_it_was_read(tmp_path):
         assert list(one) == list(other)
         for name, cells in one.items():
             assert cells.dtype == other[name].dtype
-            assert [*map(str, cells)] == [*map(str, other[name])], name  # dates come as texts
+            assert [*map(str, cells)] == [*map(str, other[name])], name
     np.testing.assert_array_equal(here.rows, there.rows)
     for name in ("source", "named", "decimal", "units", "left_aside", "roles", "notes"):
         assert getattr(here, name) == getattr(there, name), name
-    assert there.units == {"u": "V"}
+    assert there.units == {"u": "V", "day": "s"}
     (tmp_path / "b.parquet").write_bytes(b"PAR1" * 9)
     with pytest.raises(InputError, match=r"^b: not a readable Parquet file"):
         apart.read_apart(PARQUET, tmp_path / "b.parquet", "b")

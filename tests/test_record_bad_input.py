@@ -9,7 +9,7 @@ from scipy.io import savemat
 from test_record import MICROMAG, signals
 
 from preisach_jax.errors import InputError
-from preisach_jax.record import Record
+from preisach_jax.record.core import Record
 
 K = 60
 

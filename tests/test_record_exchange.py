@@ -9,7 +9,7 @@ from scipy.signal import lsim
 from test_laws_record import assert_same
 
 from preisach_jax.errors import InputError
-from preisach_jax.record import Record
+from preisach_jax.record.core import Record
 
 pd = pytest.importorskip("pandas")
 xr = pytest.importorskip("xarray")

@@ -6,8 +6,8 @@ from drivable import model_of
 
 from preisach_jax.cli import main
 from preisach_jax.errors import InputError
-from preisach_jax.record import Record
 from preisach_jax.record.blemishes import holes
+from preisach_jax.record.core import Record
 
 ROWS = 60
 TIME = np.arange(ROWS) / 10

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from preisach_jax.errors import InputError
-from preisach_jax.record import Record
+from preisach_jax.record.core import Record
 
 K = 60
 STEP = timedelta(milliseconds=25)

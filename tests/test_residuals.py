@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from preisach_jax.diagnosis import residuals
-from preisach_jax.record import Record
+from preisach_jax.record.core import Record
 
 
 def slow_turns(values, dead_band):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from preisach_jax.diagnosis.wording import located
-from preisach_jax.record import Record
+from preisach_jax.record.core import Record
 
 TIME = np.arange(4000) / 200
 INPUT = 5 - 5 * np.cos(2 * np.pi * TIME / 4)

@@ -17,8 +17,7 @@ import panel as pn
 from preisach_jax.app import panels
 from preisach_jax.app.layout import BLOCK, styled
 from preisach_jax.app.upload import Upload
-from preisach_jax.record import ReadOptions
-from preisach_jax.record.columns import NO_CLOCK, signals_of
+from preisach_jax.record.columns import NO_CLOCK, ReadOptions, signals_of
 
 NO_COLUMN = "(none)"
 

@@ -23,9 +23,9 @@ from preisach_jax.errors import InputError
 from preisach_jax.files import json_bytes
 from preisach_jax.fit import Progress
 from preisach_jax.model import Model
-from preisach_jax.record import ReadOptions, Record
 from preisach_jax.record.channels import SAMPLES
-from preisach_jax.record.columns import NO_CLOCK
+from preisach_jax.record.columns import NO_CLOCK, ReadOptions
+from preisach_jax.record.core import Record
 from preisach_jax.report import write_comparisons
 from preisach_jax.report.content import HEADERS, several_rows, several_sentence
 

@@ -32,7 +32,7 @@ from preisach_jax.model import Model
 from preisach_jax.plot.axes import column_name, greatest, with_unit
 from preisach_jax.plot.style import AFTER, FLOOR, MEASURED, REFUSED
 from preisach_jax.quantity import number, pretty_unit, quantity, scaled
-from preisach_jax.record import Record
+from preisach_jax.record.core import Record
 from preisach_jax.record.marks import spans
 from preisach_jax.record.units import seconds_per, split_unit
 

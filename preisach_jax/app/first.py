@@ -14,7 +14,7 @@ from preisach_jax.app.views import DRAWING, GRID, PLOTS, limits_of, span, unform
 from preisach_jax.look import Look
 from preisach_jax.plot.axes import Axis, record_axes
 from preisach_jax.plot.style import BEFORE, HELD_OUT, MEASURED
-from preisach_jax.record import Record
+from preisach_jax.record.core import Record
 
 STRETCHES = 2_000
 """Stretches of time of which the extremes are drawn, where a record has more rows."""

@@ -16,7 +16,8 @@ from preisach_jax.app.upload import Upload
 from preisach_jax.errors import InputError
 from preisach_jax.fit import Progress
 from preisach_jax.look import Look, columns_of, look
-from preisach_jax.record import ReadOptions, Record
+from preisach_jax.record.columns import ReadOptions
+from preisach_jax.record.core import Record
 from preisach_jax.record.joined import as_one
 
 

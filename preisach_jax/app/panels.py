@@ -21,7 +21,7 @@ from preisach_jax.errors import InputError
 from preisach_jax.look import Look
 from preisach_jax.present import form_lines, headline, parameter_rows, record_lines
 from preisach_jax.quantity import change, number, quantity
-from preisach_jax.record import Record
+from preisach_jax.record.core import Record
 
 _WIDGETS, _HEAD = "preisach-widgets.css", "preisach-head.css"
 _SHEETS: WeakKeyDictionary[Any, dict[str, InlineStyleSheet]] = WeakKeyDictionary()

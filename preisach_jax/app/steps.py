@@ -28,7 +28,8 @@ from preisach_jax.files import json_bytes
 from preisach_jax.fit import Fit, Progress
 from preisach_jax.model.schema import checked, list_of, number, one_of, share, table_of, text, whole
 from preisach_jax.quantity import quantity
-from preisach_jax.record import ReadOptions, Record
+from preisach_jax.record.columns import ReadOptions
+from preisach_jax.record.core import Record
 from preisach_jax.report import write_report
 
 

@@ -12,15 +12,16 @@ from typing import cast
 import numpy as np
 
 from preisach_jax.errors import InputError
-from preisach_jax.record import ReadOptions, Record
 from preisach_jax.record.columns import (
     QuestionError,
+    ReadOptions,
     all_runs,
     assign_roles,
     could_be_time,
     is_clock,
     unit_of,
 )
+from preisach_jax.record.core import Record
 from preisach_jax.record.readers import BINARY
 from preisach_jax.record.reading import read_tables
 from preisach_jax.record.sampling import on_one_clock

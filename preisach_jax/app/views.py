@@ -41,7 +41,7 @@ from preisach_jax.plot.axes import (
 )
 from preisach_jax.plot.style import AFTER, BEFORE, MEASURED
 from preisach_jax.quantity import scaled
-from preisach_jax.record import Record
+from preisach_jax.record.core import Record
 
 CHOSEN = "#CC79A7"
 """Colour of what is brushed: one of Okabe and Ito's that no curve has."""

@@ -27,7 +27,7 @@ from preisach_jax.chain.description import MIDDLE, Chain, EffectValues
 from preisach_jax.chain.hysteresis import HysteresisColumns
 from preisach_jax.chain.signals import JoinedSignals, ThinnedSignals, parts_of
 from preisach_jax.effects.base import Signals
-from preisach_jax.record import Record
+from preisach_jax.record.core import Record
 
 
 def signals_of(record: Record) -> Signals:

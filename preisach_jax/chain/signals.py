@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from preisach_jax.effects.base import Signals
-from preisach_jax.record import Record
+from preisach_jax.record.core import Record
 
 
 def signals_of(record: Record, origin_s: float | None = None) -> Signals:

@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from preisach_jax.effects.base import Effect, Parameter
     from preisach_jax.model import Model
     from preisach_jax.plant import StageRecord
-    from preisach_jax.record import ReadOptions
+    from preisach_jax.record.columns import ReadOptions
 
 
 FIRST_STEPS = (
@@ -197,8 +197,8 @@ def predict(
     """Predict the output of a record from its input alone."""
     from preisach_jax.files import check_file, write_files
     from preisach_jax.model import Model, past_sentence
-    from preisach_jax.record import Record
     from preisach_jax.record.blemishes import torn_line
+    from preisach_jax.record.core import Record
 
     check_file(out, data, model, force=force)
     loaded = Model.load(model)
@@ -431,7 +431,7 @@ def _labels(models: Sequence[Path], records: Sequence[Path]) -> list[str]:
 def _compared(model: Path, data: Path, columns: ReadOptions) -> Comparison:
     from preisach_jax.diagnosis.comparison import compare as run
     from preisach_jax.model import Model
-    from preisach_jax.record import Record
+    from preisach_jax.record.core import Record
 
     loaded = Model.load(model)
     notes: list[str] = []
@@ -606,7 +606,7 @@ def compensate(
     from preisach_jax.compensation.drive import COLUMNS, drive_csv, wanted_course
     from preisach_jax.files import check_file, write_files
     from preisach_jax.model import Model
-    from preisach_jax.record import Record
+    from preisach_jax.record.core import Record
     from preisach_jax.record.reading import read_table
 
     check_file(out, wanted, model, *([] if after is None else [after]), force=force)

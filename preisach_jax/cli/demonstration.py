@@ -18,7 +18,7 @@ from preisach_jax.cli.shared import command
 if TYPE_CHECKING:
     from preisach_jax.diagnosis.result import Candidate, Diagnosis
     from preisach_jax.fit import Fit
-    from preisach_jax.record import Record
+    from preisach_jax.record.core import Record
 
 TRIED = ("creep", "delay", "input_lag", "output_lag")
 """What is tried, and what may be hidden: few effects, so that it takes less than a minute."""
@@ -84,7 +84,7 @@ def demo(
 
 
 def _bundled(name: str, **columns: str) -> Record:
-    from preisach_jax.record import Record
+    from preisach_jax.record.core import Record
 
     with as_file(files("preisach_jax") / "bundled" / name) as path:
         return Record.load(path, **columns)  # pyright: ignore[reportArgumentType]
@@ -174,7 +174,7 @@ def _seal(folder: Path, seed: int) -> tuple[Path, str]:
 
 
 def _stage_record(folder: Path) -> Record:
-    from preisach_jax.record import Record
+    from preisach_jax.record.core import Record
 
     return Record.load(folder / "data.csv", time="t_s", input="u_V", output="z_um")
 

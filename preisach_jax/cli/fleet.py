@@ -37,7 +37,8 @@ from preisach_jax.errors import InputError, whole_number
 from preisach_jax.quantity import quantity
 
 if TYPE_CHECKING:
-    from preisach_jax.record import ReadOptions, Record
+    from preisach_jax.record.columns import ReadOptions
+    from preisach_jax.record.core import Record
 
 TABLE, ROW = "fleet.parquet", "fleet.json"
 
@@ -190,7 +191,7 @@ def _loaded(
     paths: Sequence[Path], columns: ReadOptions, failed: list[Row]
 ) -> Iterator[tuple[Path, Record]]:
     """The records by their files; what cannot be read gets a row that says why."""
-    from preisach_jax.record import Record
+    from preisach_jax.record.core import Record
 
     seen: set[str] = set()
     for path in paths:

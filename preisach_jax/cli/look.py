@@ -14,7 +14,7 @@ from preisach_jax.errors import InputError
 
 if TYPE_CHECKING:
     from preisach_jax.look import ColumnView, Look
-    from preisach_jax.record import ReadOptions
+    from preisach_jax.record.columns import ReadOptions
     from preisach_jax.record.table import Table
 
 _LINES = 6  # of a terminal, for the picture of a signal

@@ -13,7 +13,8 @@ from preisach_jax.errors import InputError
 
 if TYPE_CHECKING:
     from preisach_jax.model import Model
-    from preisach_jax.record import ReadOptions, Record
+    from preisach_jax.record.columns import ReadOptions
+    from preisach_jax.record.core import Record
 
 _Number = TypeVar("_Number", int, float)
 
@@ -150,7 +151,7 @@ def load_all(
 ) -> tuple[list[Record], list[Record]]:
     """Load the records that a model is fitted to, and those that are held out."""
     from preisach_jax.files import is_same
-    from preisach_jax.record import Record
+    from preisach_jax.record.core import Record
 
     given = [*data, *hold_out]
     for position, path in enumerate(given):

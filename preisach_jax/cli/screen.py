@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from preisach_jax.diagnosis.result import Diagnosis
     from preisach_jax.fit import Progress
-    from preisach_jax.record import Record
+    from preisach_jax.record.core import Record
 
 _WIDTH = 110  # of tables that no terminal limits
 _MARGIN = 12  # of a picture, for its ends

@@ -36,7 +36,7 @@ from preisach_jax.effects.base import (
 )
 from preisach_jax.errors import InputError
 from preisach_jax.model import Model
-from preisach_jax.record import Record
+from preisach_jax.record.core import Record
 
 USUAL_PER_S = 20.0
 """Ranges of the input a second at which it is reckoned over how many samples a speed is taken."""

@@ -19,9 +19,9 @@ from preisach_jax.effects.base import auxiliary_columns
 from preisach_jax.errors import InputError
 from preisach_jax.model import Model
 from preisach_jax.quantity import pretty_unit, quantity
-from preisach_jax.record import Record
 from preisach_jax.record.channels import SAMPLES
 from preisach_jax.record.columns import NO_CLOCK
+from preisach_jax.record.core import Record
 from preisach_jax.record.table import Table
 
 GAP_STEPS = 5.0

@@ -21,7 +21,7 @@ from preisach_jax.effects.base import auxiliary_columns
 from preisach_jax.errors import InputError
 from preisach_jax.hooks import HOOKS
 from preisach_jax.model import Model
-from preisach_jax.record import Record
+from preisach_jax.record.core import Record
 
 Stage = Callable[[float, Mapping[str, float]], float]
 """A stage in simulation: the next reading, from the drive and the auxiliary columns there."""

@@ -22,7 +22,7 @@ from preisach_jax.effects.base import Effect, auxiliary_columns
 from preisach_jax.errors import ContentError, InputError
 from preisach_jax.files import read_arrays, write_arrays
 from preisach_jax.model import Model
-from preisach_jax.record import Record
+from preisach_jax.record.core import Record
 
 FORMAT = 2
 

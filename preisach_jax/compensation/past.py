@@ -12,7 +12,7 @@ from preisach_jax.chain.coefficients import Coefficients
 from preisach_jax.effects.base import Signals
 from preisach_jax.errors import InputError
 from preisach_jax.model import Model
-from preisach_jax.record import Record
+from preisach_jax.record.core import Record
 
 PAUSE_STEPS = 1.5
 """Time steps between the past and the course from which on the input is held between them."""

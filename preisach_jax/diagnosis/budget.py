@@ -27,7 +27,7 @@ from preisach_jax.identify.problem import (
     with_all_rows,
 )
 from preisach_jax.operator.plane import Plane, position_on
-from preisach_jax.record import Record
+from preisach_jax.record.core import Record
 from preisach_jax.record.course import last_move, lattice_step
 from preisach_jax.record.jumps import wander_rms
 

@@ -17,8 +17,8 @@ from preisach_jax.diagnosis.residuals import (
 )
 from preisach_jax.diagnosis.wording import located
 from preisach_jax.model import Model, Prediction, past_sentence
-from preisach_jax.record import Record
 from preisach_jax.record.blemishes import fault_lines
+from preisach_jax.record.core import Record
 from preisach_jax.record.faults import faults
 from preisach_jax.record.jumps import jumps
 from preisach_jax.record.spikes import gross_spikes, input_spikes, isolated_spikes

@@ -40,7 +40,7 @@ from preisach_jax.identify.confidence import with_model_error
 from preisach_jax.identify.problem import Point, Problem
 from preisach_jax.look import look
 from preisach_jax.model import Model
-from preisach_jax.record import Record
+from preisach_jax.record.core import Record
 
 MOST_MISSED = 0.3
 """RMS error of a final model, over the spread of the output, beyond which no effect is named."""

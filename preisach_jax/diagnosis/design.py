@@ -25,7 +25,7 @@ from preisach_jax.fit.stepwise import COARSE_LEVELS, base_point, double_precisio
 from preisach_jax.identify.problem import Problem, thinned_rows, with_all_rows
 from preisach_jax.model import Model, without_effects
 from preisach_jax.quantity import number, quantity
-from preisach_jax.record import Record
+from preisach_jax.record.core import Record
 
 SUFFICIENT = 1.5
 """Ratio of held-out errors above which a record is said to tell two models apart."""

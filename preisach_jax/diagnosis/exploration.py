@@ -39,7 +39,7 @@ from preisach_jax.fit.stepwise import (
 from preisach_jax.hooks import HOOKS
 from preisach_jax.identify.problem import Point, Problem, evaluate
 from preisach_jax.model import Model
-from preisach_jax.record import Record
+from preisach_jax.record.core import Record
 from preisach_jax.record.joined import as_one
 
 

@@ -18,7 +18,7 @@ from preisach_jax.fit import Fit, Progress
 from preisach_jax.fit.fitted import on_all_rows
 from preisach_jax.fit.mechanical import fit_inside
 from preisach_jax.quantity import quantity
-from preisach_jax.record import Record
+from preisach_jax.record.core import Record
 
 LEAST_GAIN = 0.5
 """Relative fall of the held-out mean square against a resonance below which the hysteresis is not

@@ -10,7 +10,7 @@ from preisach_jax.chain.runs import signals_of
 from preisach_jax.model import Model
 from preisach_jax.operator.plane import position_on
 from preisach_jax.quantity import quantity
-from preisach_jax.record import Record
+from preisach_jax.record.core import Record
 from preisach_jax.record.course import reversals
 
 LEAST_ADVANCES = 10

@@ -24,7 +24,7 @@ from preisach_jax.fit.fitted import FINAL_ROWS, with_regressors
 from preisach_jax.fit.stepwise import REFINEMENT, at_levels, double_precision, in_silence
 from preisach_jax.identify.problem import VALIDATION, Point, Problem
 from preisach_jax.quantity import quantity
-from preisach_jax.record import Record
+from preisach_jax.record.core import Record
 
 DRAWS = 40
 """Shifted remainders by which chance is measured."""

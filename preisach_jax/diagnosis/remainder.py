@@ -24,7 +24,7 @@ import scipy
 
 from preisach_jax.diagnosis.noise import innovations
 from preisach_jax.quantity import quantity
-from preisach_jax.record import Record
+from preisach_jax.record.core import Record
 from preisach_jax.record.course import input_rate, last_move, last_reversal
 
 PARTS = 16

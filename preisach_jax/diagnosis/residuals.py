@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 
 from preisach_jax.errors import InputError
-from preisach_jax.record import Record
+from preisach_jax.record.core import Record
 from preisach_jax.record.course import input_rate, last_reversal, reversals, time_since_reversal
 
 __all__ = [

@@ -27,7 +27,7 @@ from preisach_jax.fit.stepwise import (
 )
 from preisach_jax.identify.problem import Point, Problem
 from preisach_jax.loss import magnet_of
-from preisach_jax.record import Record
+from preisach_jax.record.core import Record
 from preisach_jax.record.joined import as_one
 
 Watch = Callable[[Fit, tuple[Candidate, ...]], object]

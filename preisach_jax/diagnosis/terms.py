@@ -10,7 +10,7 @@ import numpy as np
 
 from preisach_jax.diagnosis.form import State
 from preisach_jax.diagnosis.remainder import OF_COLUMN, PHYSICS
-from preisach_jax.record import Record
+from preisach_jax.record.core import Record
 from preisach_jax.record.course import input_rate, last_move, last_reversal
 
 Formula = Callable[[float], str]

@@ -8,7 +8,7 @@ import numpy as np
 
 from preisach_jax.errors import InputError
 from preisach_jax.quantity import in_unit, quantity
-from preisach_jax.record import Record
+from preisach_jax.record.core import Record
 
 PATTERN = re.compile(r"\s*([0-9.]+(?:[eE][-+]?[0-9]+)?)\s*(\S*)\s*")
 

@@ -23,8 +23,8 @@ from preisach_jax.effects.base import Effect, OfColumn
 from preisach_jax.fit import Fit
 from preisach_jax.model import Model
 from preisach_jax.quantity import number, quantity
-from preisach_jax.record import Record
 from preisach_jax.record.blemishes import fault_lines
+from preisach_jax.record.core import Record
 
 
 def plain(name: str) -> str:

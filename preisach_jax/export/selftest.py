@@ -12,7 +12,7 @@ from preisach_jax.export.account import jumps, looks_ahead
 from preisach_jax.export.description import Description
 from preisach_jax.export.stepper import sample_by_sample
 from preisach_jax.model import Model
-from preisach_jax.record import Record
+from preisach_jax.record.core import Record
 
 Columns = dict[str, np.ndarray]
 

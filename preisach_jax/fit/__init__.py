@@ -28,7 +28,7 @@ from preisach_jax.fit.stepwise import (
 )
 from preisach_jax.fit.training import Schedule, Training, in_double, trained
 from preisach_jax.identify.confidence import with_model_error
-from preisach_jax.record import Record
+from preisach_jax.record.core import Record
 from preisach_jax.record.joined import as_one
 
 if TYPE_CHECKING:

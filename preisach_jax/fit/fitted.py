@@ -36,7 +36,7 @@ from preisach_jax.loss import Loss, loss_per_cycle, magnet_of
 from preisach_jax.model import Model, Origin, Prediction
 from preisach_jax.model.band import Band, InputMotion
 from preisach_jax.quantity import quantity
-from preisach_jax.record import Record
+from preisach_jax.record.core import Record
 from preisach_jax.record.joined import RunErrors, errors_by_run, last_fitted
 
 if TYPE_CHECKING:

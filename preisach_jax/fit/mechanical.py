@@ -36,7 +36,7 @@ from preisach_jax.mechanics import (
 from preisach_jax.model import Model, Origin, ParameterEstimate
 from preisach_jax.model.band import Band, InputMotion
 from preisach_jax.operator.plane import Plane
-from preisach_jax.record import Record
+from preisach_jax.record.core import Record
 
 MOST_ROWS = {BOUC_WEN: 40_000, PREISACH: 4_000}
 """Samples of a record, from its first one, that are simulated to fit a law."""

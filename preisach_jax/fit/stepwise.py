@@ -22,7 +22,7 @@ from preisach_jax.identify.problem import ALL, VALIDATION, Point, Problem, evalu
 from preisach_jax.identify.regression import FIRST_STRENGTH
 from preisach_jax.model import check_clock
 from preisach_jax.operator.plane import Plane
-from preisach_jax.record import Record
+from preisach_jax.record.core import Record
 from preisach_jax.record.faults import Fault, faults
 from preisach_jax.record.joined import by_run, parts_of
 from preisach_jax.record.jumps import jumps, wander_rms

@@ -45,8 +45,8 @@ from preisach_jax.identify.regression import (
     solve_nonnegative,
 )
 from preisach_jax.operator.plane import Plane
-from preisach_jax.record import Record
 from preisach_jax.record.channels import SAMPLES
+from preisach_jax.record.core import Record
 from preisach_jax.record.joined import without_rows
 
 BLOCKS = 96

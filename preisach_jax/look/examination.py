@@ -15,8 +15,8 @@ from preisach_jax.look import stretches
 from preisach_jax.look.columns import ColumnView, columns_of
 from preisach_jax.look.prospects import Excitation, of_several, prospects
 from preisach_jax.look.result import Look
-from preisach_jax.record import ReadOptions, Record
-from preisach_jax.record.columns import all_runs, numbered
+from preisach_jax.record.columns import ReadOptions, all_runs, numbered
+from preisach_jax.record.core import Record
 from preisach_jax.record.faults import faults
 from preisach_jax.record.marks import spans
 from preisach_jax.record.reading import read_tables
@@ -55,7 +55,7 @@ def look(
         >>> t = np.arange(3000) / 100
         >>> u = np.abs((t % 4) - 2)
         >>> found = look(Record.from_arrays(t, u, u**1.1, units={"input": "V"}))
-        >>> len(found.excitation.turns), found.excitation.repeats(), "creep" in found.cannot_tell
+        >>> len(found.excitation.turns), found.excitation.repeats, "creep" in found.cannot_tell
         (14, 7, True)
     """
     if not isinstance(record, Record):

@@ -16,7 +16,7 @@ import numpy as np
 
 from preisach_jax.look.stretches import Stretch, Stroke, band_decades, period, runs
 from preisach_jax.quantity import quantity
-from preisach_jax.record import Record
+from preisach_jax.record.core import Record
 from preisach_jax.record.joined import joined
 
 Grade = Literal["well", "poorly", "not at all"]
@@ -121,10 +121,11 @@ class Excitation:
         low = self.record.input.min()
         return (self.record.input[ends] - low) / self.record.input_range
 
+    @cached_property
     def repeats(self) -> int:
         """How often the whole input, or the loop that is met most often, comes in one record."""
         if self.parts:
-            return max(part.repeats() for part in self.parts)
+            return max(part.repeats for part in self.parts)
         whole = len(self.record) // self.period if self.period else 0
         pairs = np.round(np.sort(np.stack([self.levels[:-1], self.levels[1:]], 1), axis=1) / SAME)
         pairs = pairs[pairs[:, 1] - pairs[:, 0] > STROKE_CELLS]
@@ -271,7 +272,7 @@ _AGAIN = "the same loop at the beginning and at the end, and three times in a ro
 
 def _repeated(found: Excitation) -> tuple[Grade, str, str]:
     """Drift, ageing: the same loop must come again later."""
-    count = found.repeats()
+    count = found.repeats
     why = f"the most frequent loop occurs {count} times" if count else "no loop comes again"
     if count >= LEAST_LOOPS:
         return "well", why, ""

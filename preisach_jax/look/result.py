@@ -13,8 +13,8 @@ from preisach_jax.look import stretches
 from preisach_jax.look.columns import ColumnView
 from preisach_jax.look.prospects import Excitation, Prospect, rate_text
 from preisach_jax.quantity import quantity
-from preisach_jax.record import Record
 from preisach_jax.record.blemishes import holes
+from preisach_jax.record.core import Record
 from preisach_jax.record.samples import without_hysteresis
 
 UNEVEN = 0.05
@@ -128,7 +128,7 @@ class Look:
                     "decades": found.decades,
                 },
                 "holds": [asdict(rest) for rest in found.rests],
-                "repeats": found.repeats(),
+                "repeats": found.repeats,
                 "minor_loop_biases": found.biases(),
                 "spikes": self.input_spikes.tolist(),
             },
@@ -177,8 +177,8 @@ def _drive(found: Excitation) -> list[tuple[str, str]]:
     if found.period and len(record) // found.period > 1:
         seconds = _time(record, found.period * record.step_s)
         kinds += f"; the input repeats itself every {seconds}, {len(record) // found.period} times"
-    elif found.repeats() > 1:
-        kinds += f"; the most frequent loop occurs {found.repeats():,} times"
+    elif found.repeats > 1:
+        kinds += f"; the most frequent loop occurs {found.repeats:,} times"
     if places := found.biases():
         kinds += f"; minor loops at {places} place{'s' * (places > 1)}"
     rows.append(("loops", kinds))

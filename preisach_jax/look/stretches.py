@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 import scipy
 
-from preisach_jax.record import Record
+from preisach_jax.record.core import Record
 from preisach_jax.record.course import reversals
 from preisach_jax.record.faults import Fault, Kind
 

@@ -35,7 +35,7 @@ from preisach_jax.chain.coefficients import Coefficients
 from preisach_jax.chain.description import Chain, EffectValues
 from preisach_jax.cores import on_processor
 from preisach_jax.effects.base import AddedEffect, Signals
-from preisach_jax.record import Record
+from preisach_jax.record.core import Record
 from preisach_jax.record.course import input_rate, last_reversal, reversals
 from preisach_jax.record.joined import without_rows
 

@@ -39,7 +39,7 @@ from preisach_jax.model.schema import (
 )
 from preisach_jax.operator.inputs import HYSTERONS
 from preisach_jax.operator.plane import Plane
-from preisach_jax.record import INITIAL_MEMORIES
+from preisach_jax.record.samples import INITIAL_MEMORIES
 
 
 def read(path: Path) -> Mapping[str, Any]:

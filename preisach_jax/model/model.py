@@ -34,7 +34,8 @@ from preisach_jax.model.band import (
 from preisach_jax.model.origin import FORMAT, FORMAT_VERSION, Origin, ParameterEstimate
 from preisach_jax.operator.plane import Plane, position_on
 from preisach_jax.quantity import pretty_unit, quantity
-from preisach_jax.record import AS_FITTED, Record
+from preisach_jax.record.core import Record
+from preisach_jax.record.samples import AS_FITTED
 
 if TYPE_CHECKING:
     from control import NonlinearIOSystem

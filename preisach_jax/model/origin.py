@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from preisach_jax.record import Record
+from preisach_jax.record.core import Record
 
 FORMAT = "preisach_jax model"
 

@@ -9,7 +9,7 @@ import numpy as np
 from preisach_jax.diagnosis import residuals as stats
 from preisach_jax.model import Model
 from preisach_jax.quantity import scaled
-from preisach_jax.record import Record
+from preisach_jax.record.core import Record
 from preisach_jax.record.units import split_unit
 
 

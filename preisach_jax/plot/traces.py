@@ -19,7 +19,7 @@ from preisach_jax.quantity import quantity, scaled
 
 if TYPE_CHECKING:
     from preisach_jax.diagnosis.result import Diagnosis
-    from preisach_jax.record import Record
+    from preisach_jax.record.core import Record
 
 
 _COLUMNS = 2000  # bins of an envelope: about one a pixel

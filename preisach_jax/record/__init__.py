@@ -2,19 +2,5 @@
 
 From below: `units` (names and units), `table` (columns as read), `delimited`, `micromag` and
 `containers` (the formats), `reading` (which format), `columns` (which column is what), `core`.
+Names are imported from where they are defined: a child that reads one file loads no more.
 """
-
-from preisach_jax.record.channels import Channel
-from preisach_jax.record.columns import ReadOptions
-from preisach_jax.record.core import Record
-from preisach_jax.record.samples import AS_FITTED, INITIAL_MEMORIES, MIN_MEASURED, Samples
-
-__all__ = [
-    "AS_FITTED",
-    "INITIAL_MEMORIES",
-    "MIN_MEASURED",
-    "Channel",
-    "ReadOptions",
-    "Record",
-    "Samples",
-]

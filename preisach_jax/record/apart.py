@@ -1,8 +1,8 @@
 """Files of other people's formats, read in a process of their own, which may fall or be stopped.
 
 Libraries in C and Rust end their process where a file asks for more memory than there is, or finds
-an error in them.  The child imports NumPy and one such library, limits itself, and sends back one
-line of JSON and the bytes of arrays: nothing that would have to be unpickled.
+an error in them.  The child imports NumPy and one such library, limits itself, and writes one
+line of JSON and the bytes of arrays to a file: nothing that would have to be unpickled.
 """
 
 from __future__ import annotations
@@ -12,9 +12,10 @@ import os
 import signal
 import subprocess  # noqa: TID251
 import sys
+import tempfile
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, BinaryIO, cast
 
 import numpy as np
 
@@ -58,22 +59,25 @@ def read_apart(reader: Reader, path: Path, source: str, sheet: str | None = None
     # 1 GiB of addresses aside, which may be all that the limit allows.
     threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MALLOC_ARENA_MAX"), "1")
     small = {**threads, "ARROW_DEFAULT_MEMORY_POOL": "system"}
-    try:
-        done = subprocess.run(
-            [sys.executable, "-I", "-c", _PROGRAM], input=json.dumps(told).encode(),
-            capture_output=True, env={**os.environ, **small}, timeout=10 * seconds, check=False,
-        )  # fmt: skip
-        cause = _cause(done.returncode, done.stderr.decode(errors="replace"))
-    except subprocess.TimeoutExpired:
-        done, cause = None, f"the limit of {10 * seconds} s"
-    if done is None or done.returncode:
-        raise InputError(f"{source}: reading it as {reader.name} was ended by {cause}; {_REMEDY}")
-    end = done.stdout.index(b"\n")
-    content = json.loads(done.stdout[:end])
-    if isinstance(content, dict):
-        refusal = cast(Any, content)["refusal"]
-        raise InputError(refusal)
-    return _unpacked(content, memoryview(done.stdout)[end + 1 :])
+    with tempfile.TemporaryFile() as answered:
+        try:
+            done = subprocess.run(
+                [sys.executable, "-I", "-c", _PROGRAM], input=json.dumps(told).encode(),
+                stdout=answered, stderr=subprocess.PIPE, env={**os.environ, **small},
+                timeout=10 * seconds, check=False,
+            )  # fmt: skip
+            cause = _cause(done.returncode, done.stderr.decode(errors="replace"))
+        except subprocess.TimeoutExpired:
+            done, cause = None, f"the limit of {10 * seconds} s"
+        if done is None or done.returncode:
+            line = f"reading it as {reader.name} was ended by {cause}; {_REMEDY}"
+            raise InputError(f"{source}: {line}")
+        answered.seek(0)
+        content = json.loads(answered.readline())
+        if isinstance(content, dict):
+            refusal = cast(Any, content)["refusal"]
+            raise InputError(refusal)
+        return _unpacked(content, answered)
 
 
 def read_here(reader: Reader, path: Path, source: str, sheet: str | None = None) -> list[Table]:
@@ -165,16 +169,14 @@ def _cell(cell: Any) -> Any:
     return plain if plain is None or isinstance(plain, str | bool | int | float) else str(plain)
 
 
-def _unpacked(heads: list[dict[str, Any]], body: memoryview) -> list[Table]:
+def _unpacked(heads: list[dict[str, Any]], body: BinaryIO) -> list[Table]:
     """The tables of what `_packed` made of each."""
-    start = 0
 
     def restored(found: Any) -> np.ndarray:
-        nonlocal start
         if "cells" in found:
             return np.array([*found["cells"], None], dtype=object)[restored(found["codes"])]
-        array = np.frombuffer(body, found["type"], found["count"], start).copy()
-        start += array.nbytes
+        array = np.empty(found["count"], found["type"])
+        body.readinto(array.data)  # pyright: ignore[reportAttributeAccessIssue]
         return array
 
     tables: list[Table] = []

@@ -106,8 +106,9 @@ def _as_cells(vector: np.ndarray) -> np.ndarray:
     """Numbers as float64, durations as seconds, dates as seconds since the first, else objects."""
     if vector.dtype.kind in "iuf":
         with np.errstate(all="ignore"):  # what is beyond float64 is infinite, and refused as such
-            values = vector.astype(np.float64)
-        values[np.isnan(values)] = np.nan  # of its many bit patterns some signal an error
+            values = vector.astype(np.float64, copy=False)
+        if (missing := np.isnan(values)).any():
+            values = np.where(missing, np.nan, values)  # of many patterns some signal an error
         return values
     if vector.dtype.kind in "mM":
         return as_seconds(vector)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -71,19 +72,22 @@ class Samples:
                 f"initial_memory is {initial_memory!r}; give one of {', '.join(known)}"
             )
         for role, values in {"time": time, "input": input, "output": output, **aux}.items():
-            beyond = values[np.abs(values) > GREATEST]
-            if beyond.size:
+            least, most = np.fmin.reduce(values), np.fmax.reduce(values)
+            beyond = most if most > GREATEST else least if least < -GREATEST else None
+            if beyond is not None:
                 raise InputError(
-                    f"{name}, column {channels[role].name}: the value {beyond[0]:g} is too great "
+                    f"{name}, column {channels[role].name}: the value {beyond:g} is too great "
                     f"to compute with (up to {GREATEST:g}); give the column in another unit"
                 )
         # A NaN has many bit patterns; the digest knows one.
-        output = np.where(np.isnan(output), np.nan, output)
+        if (missing := np.isnan(output)).any():
+            output = np.where(missing, np.nan, output)
         digest = hashlib.sha256()
         for values in (time, input, output):
-            digest.update(values.astype("<f8").tobytes())
+            digest.update(np.ascontiguousarray(values, "<f8").data)
+        seconds = _frozen(time)
         return cls(
-            time=_frozen(time),
+            time=seconds,
             input=_frozen(input),
             output=_frozen(output),
             aux={key: _frozen(values) for key, values in aux.items()},
@@ -94,7 +98,7 @@ class Samples:
             name=printable(name),
             sha256=digest.hexdigest(),
             initial_memory=initial_memory,
-            time_values=_frozen(time_values),
+            time_values=seconds if time_values is time else _frozen(time_values),
         )
 
     def __len__(self) -> int:
@@ -146,7 +150,7 @@ class Samples:
         """Time from the first to the last sample, s; of several runs that of the longest one."""
         return max(float(self.time[rows][-1] - self.time[rows][0]) for rows in self.stretches)
 
-    @property
+    @cached_property
     def step_s(self) -> float:
         """Median time step, s."""
         return float(np.median(np.diff(self.time)))
@@ -180,12 +184,12 @@ class Samples:
         """Unit of the output, `""` where unknown."""
         return self.channels["output"].unit
 
-    @property
+    @cached_property
     def input_range(self) -> float:
         """Peak-to-peak input over all samples, in its unit."""
         return float(np.ptp(self.input))
 
-    @property
+    @cached_property
     def output_range(self) -> float:
         """Peak-to-peak measured output in its unit; NaN where nothing was measured."""
         values = self.output[self.measured]

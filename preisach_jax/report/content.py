@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from preisach_jax.diagnosis.result import Diagnosis, Finding
     from preisach_jax.effects.base import Effect
     from preisach_jax.model import Model
-    from preisach_jax.record import Record
+    from preisach_jax.record.core import Record
 
 
 REFERENCES = (

@@ -43,6 +43,9 @@ SIZES = (64, 128, 192, 256)
 ENOUGH = 1.02
 """Held-out mean square, over that with the most vectors, with which fewer will do."""
 
+MANY_AT_BOUND = 0.25
+"""Share of coefficients at their bound from which on the others alone are factorised."""
+
 FIRST_STRENGTH = 1e-4
 """Strength of the smoothness prior from which the search for the best one starts."""
 
@@ -252,13 +255,19 @@ def solve_nonnegative(
     reach = np.abs(moment).max() or 1.0
     diagonal = np.diag(gram)
     patience, fewest = 3, size + 1
+    few: _FewAtBound | None = None
     solution = np.zeros(size)
     for _ in range(iterations):
-        inside = np.flatnonzero(passive)
-        solution = np.zeros(size)
-        factor = scipy.linalg.cho_factor(gram[np.ix_(inside, inside)], check_finite=False)
-        solution[inside] = scipy.linalg.cho_solve(factor, moment[inside], check_finite=False)
-        gradient = gram @ solution - moment
+        bound = np.flatnonzero(~passive)
+        if len(bound) < MANY_AT_BOUND * size:
+            few = _FewAtBound(gram, moment) if few is None else few
+            solution, gradient = few.solved(bound)
+        else:
+            inside = np.flatnonzero(passive)
+            solution = np.zeros(size)
+            factor = scipy.linalg.cho_factor(gram[np.ix_(inside, inside)], check_finite=False)
+            solution[inside] = scipy.linalg.cho_solve(factor, moment[inside], check_finite=False)
+            gradient = gram @ solution - moment
         wrong = nonnegative & np.where(
             passive, solution * diagonal < -1e-12 * reach, gradient < -1e-12 * reach
         )
@@ -273,6 +282,31 @@ def solve_nonnegative(
             wrong[: np.flatnonzero(wrong)[-1]] = False
         passive = passive ^ wrong
     return np.where(nonnegative, np.maximum(solution, 0.0), solution)
+
+
+class _FewAtBound:
+    r"""The free minimum, and what a bound on each coefficient changes: \(G^{-1} e_k\)."""
+
+    def __init__(self, gram: np.ndarray, moment: np.ndarray):
+        self.factor = scipy.linalg.cho_factor(gram, check_finite=False)
+        self.free: np.ndarray = scipy.linalg.cho_solve(self.factor, moment, check_finite=False)
+        self.place = np.full(len(moment), -1)
+        self.answers = np.zeros((len(moment), 0))
+
+    def solved(self, bound: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The minimum with some coefficients at zero, and the gradient there."""
+        new = bound[self.place[bound] < 0]
+        self.place[new] = self.answers.shape[1] + np.arange(len(new))
+        unit = np.zeros((len(self.free), len(new)), order="F")
+        unit[new, np.arange(len(new))] = 1.0
+        more = scipy.linalg.cho_solve(self.factor, unit, overwrite_b=True, check_finite=False)
+        self.answers = np.concatenate([self.answers, more], axis=1)
+        answers = self.answers[:, self.place[bound]]
+        push: np.ndarray = np.linalg.solve(answers[bound], self.free[bound])
+        solution: np.ndarray = self.free - answers @ push
+        gradient = np.zeros(len(self.free))
+        solution[bound], gradient[bound] = 0.0, -push
+        return solution, gradient
 
 
 def choose_strength(

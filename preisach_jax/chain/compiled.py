@@ -237,30 +237,44 @@ def reading_of(effect: SensorEffect, values: Values, coefficients: Array, signal
     Newton steps that bisect instead where they leave what is known to hold the reading (`rtsafe`
     in W. H. Press et al., Numerical Recipes, 3rd ed., Cambridge 2007, sec. 9.4).
     """
+    sensor = (effect.at(values), coefficients, signal)
+    # The last step has the derivatives of the solution, by the implicit function theorem.
+    reading = _near_reading(*jax.lax.stop_gradient(sensor))
+    value, slope = _excess(*sensor, reading)
+    return reading - value / jax.lax.stop_gradient(jnp.maximum(slope, LEAST_SLOPE))
 
-    acting = effect.at(values)
+
+def _excess(
+    sensor: SensorEffect, coefficients: Array, signal: Array, reading: Array
+) -> tuple[Array, Array]:
+    """z - columns(z) @ coefficients - signal, and its slope over z."""
 
     def excess(reading: Array) -> Array:
-        return reading - acting.columns(reading) @ coefficients - signal
+        return reading - sensor.columns(reading) @ coefficients - signal
 
-    def value_and_slope(reading: Array) -> tuple[Array, Array]:
-        return jax.jvp(excess, (reading,), (jnp.ones_like(reading),))
+    return jax.jvp(excess, (reading,), (jnp.ones_like(reading),))
 
-    def closer(_: Array, state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-        low, high, reading = state
-        value, slope = value_and_slope(reading)
+
+def _near_reading(sensor: SensorEffect, coefficients: Array, signal: Array) -> Array:
+    """The reading of a sensor, so near that one more step leaves the rounding."""
+
+    def is_far(state: tuple[Array, ...]) -> Array:
+        count, moved, *_ = state
+        return (count < SENSOR_ROUNDS) & (moved > near * reach)
+
+    def closer(state: tuple[Array, ...]) -> tuple[Array, ...]:
+        count, _, low, high, reading = state
+        value, slope = _excess(sensor, coefficients, signal, reading)
         low, high = jnp.where(value < 0, reading, low), jnp.where(value < 0, high, reading)
         step = reading - value / jnp.where(slope > LEAST_SLOPE, slope, LEAST_SLOPE)
-        inside = (step >= low) & (step <= high)
-        return low, high, jnp.where(inside, step, (low + high) / 2)
+        step = jnp.where((step >= low) & (step <= high), step, (low + high) / 2)
+        return count + 1, jnp.max(jnp.abs(step - reading)), low, high, step
 
-    reach = 2 * jnp.max(jnp.abs(excess(signal)))
-    start = (signal - reach, signal + reach, signal)
-    found = cast(tuple[Array, Array, Array], jax.lax.fori_loop(0, SENSOR_ROUNDS, closer, start))
-    reading = jax.lax.stop_gradient(found[2])
-    # The last step has the derivatives of the solution, by the implicit function theorem.
-    value, slope = value_and_slope(reading)
-    return reading - value / jax.lax.stop_gradient(jnp.maximum(slope, LEAST_SLOPE))
+    near = float(np.sqrt(np.finfo(np.dtype(signal.dtype)).eps))
+    reach = 2 * jnp.max(jnp.abs(_excess(sensor, coefficients, signal, signal)[0]))
+    far = jnp.full_like(reach, jnp.inf)
+    start = (jnp.asarray(0), far, signal - reach, signal + reach, signal)
+    return jax.lax.while_loop(is_far, closer, start)[-1]
 
 
 @_compiled

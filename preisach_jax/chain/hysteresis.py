@@ -26,6 +26,7 @@ from preisach_jax.chain.driven import all_widen, drive, path_and_widening
 from preisach_jax.chain.signals import Drive
 from preisach_jax.effects.base import HysteresisEffect, Signals, Values
 from preisach_jax.operator.plane import Plane, hysteron_step, position_on
+from preisach_jax.operator.simulation import outputs_after
 from preisach_jax.operator.states import Paths, fed_back_states, step_of_paths
 
 MOST_COLUMNS = 192
@@ -88,6 +89,31 @@ def hysteresis_columns(
     seen = np.ptp(switched, axis=0) > 0
     groups = (*groups, *[np.zeros(0, dtype=int)] * seen.sum())
     return HysteresisColumns(states, switched[:, seen], groups, start, seen)
+
+
+def combinations_along(
+    chain: Chain, course: Drive, initial_memory: str, shares: tuple[np.ndarray, ...]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Combinations of the columns along one path of ramps, `(time, vector)`, and the stated start.
+
+    Arguments:
+        shares: (cells, vector) of the hysterons, (cells, vector) of what their unknown starts leave
+            open, and (2 levels, vector) of the hysterons of the first run.
+    """
+    cells, memory, first_run = shares
+    start = np.zeros(len(cells))
+    if initial_memory != "free":
+        start = stated_start(chain, course, initial_memory)
+        memory = memory + start[:, None] * cells
+    x, high = np.asarray(course.rising), chain.plane.initial_turns("high")
+    states = outputs_after(chain.plane, cells - memory, np.zeros_like(high), x)
+    if memory.any():
+        states += outputs_after(chain.plane, memory, high, x)
+    if first_run.any():
+        rising, falling = np.split(first_run, 2)
+        highest, lowest = _extremes(course)
+        states += (_reached(chain, highest) - 1) @ rising + _reached(chain, lowest) @ falling
+    return states, start
 
 
 def _plane_columns(

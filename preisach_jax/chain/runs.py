@@ -26,7 +26,7 @@ from preisach_jax.chain.coefficients import Coefficients, Columns
 from preisach_jax.chain.description import MIDDLE, Chain, EffectValues
 from preisach_jax.chain.hysteresis import HysteresisColumns
 from preisach_jax.chain.signals import JoinedSignals, ThinnedSignals, parts_of
-from preisach_jax.effects.base import Signals
+from preisach_jax.effects.base import HysteresisEffect, Signals
 from preisach_jax.record.core import Record
 
 
@@ -195,6 +195,30 @@ def hysteresis_columns(
             own = _without_first_run(own)
         found.append(own)
     return _side_by_side(found, chain.plane.cells)
+
+
+def combinations_along(
+    chain: Chain,
+    values: EffectValues,
+    signals: Signals,
+    initial_memory: str,
+    shares: tuple[np.ndarray, ...],
+    like: HysteresisColumns,
+) -> HysteresisColumns | None:
+    """Combinations of the columns along a path that effects of the input have moved, without these.
+
+    None where the thresholds move, or along several runs: there the columns are combined.
+
+    Arguments:
+        shares: see `chain.hysteresis.combinations_along`.
+        like: the combinations along the recorded input.
+    """
+    moves = bool(chain.at(HysteresisEffect)) or chain.hysteron != "ramp"
+    if moves or isinstance(signals, JoinedSignals):
+        return None
+    course = one_driven.drive(chain, values, signals)
+    states, start = one_hysteresis.combinations_along(chain, course, initial_memory, shares)
+    return replace(like, states=states, start=start)
 
 
 def _without_first_run(columns: HysteresisColumns) -> HysteresisColumns:

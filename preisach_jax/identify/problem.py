@@ -15,6 +15,7 @@ from preisach_jax.chain.description import Chain, EffectValues
 from preisach_jax.chain.hysteresis import HysteresisColumns
 from preisach_jax.chain.output import sensed
 from preisach_jax.chain.runs import (
+    combinations_along,
     hysteresis_columns,
     hysteresis_output,
     regressors,
@@ -429,10 +430,16 @@ class Problem:
         slot = ("hysteresis", chain.plane, chain.hysteron)
         if not moving and slot in self.cache:
             return self.cache[slot]
+        memory = self.record.initial_memory
+        if moving and self.reduces_on(chain.plane):
+            basis, still = self.basis(chain), self.hysteresis(chain.with_effects(()), {})
+            shares = (basis.cells, basis.memory, basis.first_run)
+            found = combinations_along(chain, values, self.signals, memory, shares, still)
+            if found is not None:
+                return found
         output = None
         if chain.feeds_back and like is not None:
             output = self.hysteresis_output(like)
-        memory = self.record.initial_memory
         columns = hysteresis_columns(chain, values, self.signals, memory, output)
         if self.reduces_on(chain.plane):
             columns = self.basis(chain, None if moving else columns).applied_to(columns)

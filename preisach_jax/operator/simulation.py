@@ -19,6 +19,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy
 from jax.typing import ArrayLike
 
 from preisach_jax.errors import InputError
@@ -216,6 +217,44 @@ def output_after(plane: Plane, weights: jax.Array, past: ArrayLike, x: jax.Array
     """
     position = jnp.clip(position_on(plane, x), 0.0, plane.levels)
     return _output(plane, weights, jnp.asarray(past, x.dtype), position)
+
+
+def outputs_after(plane: Plane, weights: np.ndarray, past: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """`output_after` of known numbers for many weights, `(cells, vector)`: (time, vector).
+
+    What the path asks of the sums of the weights is a sparse matrix, four numbers a sample.
+    """
+    levels, vectors = plane.levels, weights.shape[1]
+    matrix = np.zeros((levels, levels, vectors))
+    matrix[plane.alpha_index, plane.beta_index] = weights
+    tables = np.stack([np.zeros_like(matrix), matrix])
+    tables[0, :, :-1] = np.cumsum(matrix[:, :0:-1], axis=1)[:, ::-1]
+    before = np.zeros_like(tables)
+    before[:, 1:] = np.cumsum(tables[:, :-1], axis=1)
+    position: np.ndarray = np.clip(position_on(plane, x), 0.0, levels)
+    path: np.ndarray = np.concatenate([past, position])
+    start: np.ndarray = np.asarray(cast(Any, _branch_starts_of)(path))
+    upper, lower = np.maximum(path, path[start]), np.minimum(path, path[start])
+    i = np.minimum(upper.astype(int), levels - 1)
+    j = np.minimum(lower.astype(int), levels - 1)
+    of_row, of_column = upper - i, 1.0 - (lower - j)
+    shares = [np.ones_like(path), of_column, of_row, np.maximum(of_row + of_column - 1.0, 0.0)]
+    shares = np.stack(shares, axis=1) * np.sign(path - path[start])[:, None]
+    places = (i * levels + j)[:, None] + levels**2 * np.arange(4)
+    asked = scipy.sparse.csr_array(
+        (shares.ravel(), places.ravel(), 4 * np.arange(len(path) + 1)),
+        shape=(len(path), 4 * levels**2),
+    )
+    output = asked @ np.concatenate([before, tables]).reshape(-1, vectors)
+    turns, branch = np.unique(start, return_inverse=True)
+    at_turns, leads = output[turns], branch[turns].tolist()
+    for turn in range(1, len(turns)):
+        at_turns[turn] += at_turns[leads[turn]]
+    output += at_turns[branch]
+    return output[len(past) :]
+
+
+_branch_starts_of = jax.jit(branch_starts)
 
 
 @eqx.filter_jit

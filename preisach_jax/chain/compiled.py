@@ -148,8 +148,19 @@ def _filtered(
 ) -> np.ndarray:
     """Known `(time, signal)` signals behind a linear effect."""
     lengths, step = _lengths_of_steps(np.asarray(time).tobytes(), np.dtype(time.dtype))
-    law = law_over_steps(effect, values, lengths)
-    return filtered(jax.tree.map(np.asarray, law), step, signals)
+    return np.asarray(_behind_law(effect, values, signals, lengths, step))
+
+
+@_compiled
+def _behind_law(
+    effect: InputEffect | OutputEffect,
+    values: Values,
+    signals: ArrayLike,
+    lengths: ArrayLike,
+    step: ArrayLike,
+) -> Array:
+    law = over_steps(effect.at(values).state_space, jnp.asarray(lengths))
+    return filtered(law, jnp.asarray(step), jnp.asarray(signals))
 
 
 @lru_cache(8)
@@ -183,13 +194,13 @@ def _apply_to_padded(effect: OutputEffect, values: Values, matrix: ArrayLike, ti
 def apply_to_columns(
     effect: OutputEffect, values: Values, matrix: np.ndarray, time: Array
 ) -> np.ndarray:
-    if _by_state_space(effect) and not is_traced(effect, values):
-        return _filtered(effect, values, matrix, time)
     count = matrix.shape[1]
     # How many columns the initial memory takes differs from record to record.
     if lacking := -count % ROUND_COLUMNS:
         matrix = np.pad(matrix, ((0, 0), (0, lacking)))
-    return np.asarray(_apply_to_padded(effect, values, matrix, time))[:, :count]
+    linear = _by_state_space(effect) and not is_traced(effect, values)
+    apply = _filtered if linear else _apply_to_padded
+    return np.asarray(apply(effect, values, matrix, time))[:, :count]
 
 
 @_compiled

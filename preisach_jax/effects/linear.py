@@ -17,7 +17,6 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-import scipy
 from jaxtyping import Array, Float
 
 
@@ -121,39 +120,29 @@ def response(
     return jax.lax.scan(advance, rest, (steps.a, steps.b, signal, rises))[1]
 
 
-@np.errstate(over="ignore", invalid="ignore")
-def filtered(law: StateSpace, step: np.ndarray, signals: np.ndarray) -> np.ndarray:
-    """`response` of known numbers to many signals: a banded triangular system for each section.
-
-    Nothing is compiled for it, and LAPACK takes a third of the time of a scan.
+def filtered(law: StateSpace, step: Array, signals: Array) -> Array:
+    """`response` to many signals at once, whose states advance side by side.
 
     Arguments:
-        law: the effect over each length of a step, in NumPy; A and b by length.
+        law: the effect over each length of a step; A and b by length.
         step: (time,) which of them leads to each sample.
         signals: (time, signal) the signals.
 
     Returns:
         (time, signal) the outputs.
     """
-    signals = np.asfortranarray(signals)  # as LAPACK takes it: each signal in one piece
-    count, many = signals.shape
-    rises = np.zeros_like(signals)
-    np.subtract(signals[1:], signals[:-1], out=rises[1:])
-    output = np.asarray(law.d) * signals
     sections, size = law.b.shape[1:]
-    for section in range(sections):
-        a, b = law.a[step, section], law.b[step, section]
-        # Below the ones of the diagonal stands what is kept of the states of the sample before.
-        bands = np.zeros((2 * size, size * count), signals.dtype, order="F")
-        bands[0] = 1.0
-        for row, column in np.ndindex(size, size):
-            bands[size + row - column, column : size * (count - 1) : size] = -a[1:, row, column]
-        moved = np.empty((size * count, many), signals.dtype, order="F")
-        for row in range(size):
-            np.multiply(rises, b[:, row, None], out=moved[row::size])
-        (solve,) = scipy.linalg.get_lapack_funcs(("tbtrs",), (bands, moved))
-        states, _ = solve(bands, moved, uplo="L", overwrite_b=True)
-        for row in range(size):
-            if (share := float(law.c[section, row])) != 0.0:
-                output += share * states[row::size]
-    return output
+    rises = jnp.diff(signals, axis=0, prepend=signals[:1])
+
+    # State by state: products of small matrices took five times as long.
+    def advance(
+        states: tuple[Array, ...], now: tuple[Array, Array, Array]
+    ) -> tuple[tuple[Array, ...], Array]:
+        a, b, rise = now
+        kept = [[a[:, i, j, None] * state for j, state in enumerate(states)] for i in range(size)]
+        states = tuple(sum(kept[i], b[:, i, None] * rise[None]) for i in range(size))
+        added = [(law.c[:, i, None] * state).sum(axis=0) for i, state in enumerate(states)]
+        return states, sum(added[1:], added[0])
+
+    rest = (jnp.zeros((sections, signals.shape[1]), signals.dtype),) * size
+    return law.d * signals + jax.lax.scan(advance, rest, (law.a[step], law.b[step], rises))[1]

@@ -9,14 +9,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-from preisach_jax.cli.process import (
-    INTERRUPTED,
-    MESSAGE,
-    give_back_what_is_freed,
-    leave,
-    listen,
-    stop_listening,
-)
+from preisach_jax.cli.process import INTERRUPTED, MESSAGE, leave, listen, stop_listening
 
 __all__ = ["main"]
 
@@ -27,7 +20,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         if is_process:
             listen()
-            give_back_what_is_freed()
         from preisach_jax.cli.application import run
 
         code = run(sys.argv[1:] if arguments is None else list(arguments))

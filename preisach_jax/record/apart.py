@@ -70,8 +70,9 @@ def read_apart(reader: Reader, path: Path, source: str, sheet: str | None = None
         except subprocess.TimeoutExpired:
             done, cause = None, f"the limit of {10 * seconds} s"
         if done is None or done.returncode:
-            line = f"reading it as {reader.name} was ended by {cause}; {_REMEDY}"
-            raise InputError(f"{source}: {line}")
+            raise InputError(
+                f"{source}: reading it as {reader.name} was ended by {cause}; {_REMEDY}"
+            )
         answered.seek(0)
         content = json.loads(answered.readline())
         if isinstance(content, dict):

@@ -121,6 +121,7 @@ _Nesting = tuple[jax.Array, jax.Array, jax.Array, jax.Array | bool, jax.Array]
 """Turning points not wiped out yet, their values and number, the direction, and the last value."""
 
 
+@eqx.filter_jit
 def branch_starts(path: ArrayLike) -> jax.Array:
     """Find, for each sample of a path, the turning point from which its branch departs.
 
@@ -167,22 +168,36 @@ def weight_between(
     2E = Σ R max(ρ_i(upper) - ρ_j(lower), 0) in constant time, from sums of weights above, right of,
     and above and right of each cell, of which ramps take a part.
     """
-    last = plane.levels - 1
-    i = jnp.minimum(upper.astype(jnp.int32), last)
-    j = jnp.minimum(lower.astype(jnp.int32), last)
-    part_of_row, part_of_column = upper - i, 1.0 - (lower - j)
-
-    matrix = laid_out(plane, weights)
-    beyond = jnp.pad(jnp.cumsum(matrix[:, :0:-1], axis=1)[:, ::-1], ((0, 0), (0, 1)))
-    tables = jnp.stack([beyond, matrix])
-    before = jnp.pad(jnp.cumsum(tables[:, :-1], axis=1), ((0, 0), (1, 0), (0, 0)))
-    # Of whole rows whole cells and cells of column j; of row i whole cells and the one in column j.
+    place, shares = _cell_between(jnp, plane, upper, lower)
+    sums = _sums(jnp, laid_out(plane, weights))
     whole, column, row, corner = (
-        table.ravel().at[i * plane.levels + j].get(mode="promise_in_bounds")
-        for table in (*before, *tables)
+        table.ravel().at[place].get(mode="promise_in_bounds") for table in sums
     )
-    of_corner = jnp.maximum(part_of_row + part_of_column - 1.0, 0.0)
-    return whole + part_of_column * column + part_of_row * row + of_corner * corner
+    of_column, of_row, of_corner = shares
+    return whole + of_column * column + of_row * row + of_corner * corner
+
+
+def _cell_between(xp: Any, plane: Plane, upper: Any, lower: Any) -> tuple[Any, tuple[Any, ...]]:
+    """Flat index of the cell in which two positions end, and their parts of its sums."""
+    last = plane.levels - 1
+    i = xp.minimum(upper.astype(xp.int32), last)
+    j = xp.minimum(lower.astype(xp.int32), last)
+    of_row, of_column = upper - i, 1.0 - (lower - j)
+    of_corner = xp.maximum(of_row + of_column - 1.0, 0.0)
+    return i * plane.levels + j, (of_column, of_row, of_corner)
+
+
+def _sums(xp: Any, matrix: Any) -> Any:
+    """Sums of `(levels, levels, ...)` weights for each cell, `(4, levels, levels, ...)`.
+
+    Of the rows above it whole ones, beyond its column, and in it; of its own row what is beyond it,
+    and the cell itself.
+    """
+    rest = [(0, 0)] * (matrix.ndim - 2)
+    beyond = xp.cumsum(matrix[:, :0:-1], axis=1)[:, ::-1]
+    tables = xp.stack([xp.pad(beyond, [(0, 0), (0, 1), *rest]), matrix])
+    before = xp.pad(xp.cumsum(tables[:, :-1], axis=1), [(0, 0), (1, 0), (0, 0), *rest])
+    return xp.concatenate([before, tables])
 
 
 def output_along_branches(
@@ -227,34 +242,24 @@ def outputs_after(plane: Plane, weights: np.ndarray, past: np.ndarray, x: np.nda
     levels, vectors = plane.levels, weights.shape[1]
     matrix = np.zeros((levels, levels, vectors))
     matrix[plane.alpha_index, plane.beta_index] = weights
-    tables = np.stack([np.zeros_like(matrix), matrix])
-    tables[0, :, :-1] = np.cumsum(matrix[:, :0:-1], axis=1)[:, ::-1]
-    before = np.zeros_like(tables)
-    before[:, 1:] = np.cumsum(tables[:, :-1], axis=1)
     position: np.ndarray = np.clip(position_on(plane, x), 0.0, levels)
     path: np.ndarray = np.concatenate([past, position])
-    start: np.ndarray = np.asarray(cast(Any, _branch_starts_of)(path))
-    upper, lower = np.maximum(path, path[start]), np.minimum(path, path[start])
-    i = np.minimum(upper.astype(int), levels - 1)
-    j = np.minimum(lower.astype(int), levels - 1)
-    of_row, of_column = upper - i, 1.0 - (lower - j)
-    shares = [np.ones_like(path), of_column, of_row, np.maximum(of_row + of_column - 1.0, 0.0)]
-    shares = np.stack(shares, axis=1) * np.sign(path - path[start])[:, None]
-    places = (i * levels + j)[:, None] + levels**2 * np.arange(4)
+    start: np.ndarray = np.asarray(branch_starts(path))
+    there = path[start]
+    place, parts = _cell_between(np, plane, np.maximum(path, there), np.minimum(path, there))
+    shares = np.stack([np.ones_like(path), *parts], axis=1) * np.sign(path - there)[:, None]
+    places = place[:, None] + levels**2 * np.arange(4)
     asked = scipy.sparse.csr_array(
         (shares.ravel(), places.ravel(), 4 * np.arange(len(path) + 1)),
         shape=(len(path), 4 * levels**2),
     )
-    output = asked @ np.concatenate([before, tables]).reshape(-1, vectors)
+    output = asked @ _sums(np, matrix).reshape(-1, vectors)
     turns, branch = np.unique(start, return_inverse=True)
     at_turns, leads = output[turns], branch[turns].tolist()
     for turn in range(1, len(turns)):
         at_turns[turn] += at_turns[leads[turn]]
     output += at_turns[branch]
     return output[len(past) :]
-
-
-_branch_starts_of = jax.jit(branch_starts)
 
 
 @eqx.filter_jit

@@ -197,6 +197,12 @@ def hysteresis_columns(
     return _side_by_side(found, chain.plane.cells)
 
 
+def is_one_path(chain: Chain, signals: Signals) -> bool:
+    """Whether all hysterons are ramps that follow one path along one run."""
+    moves = bool(chain.at(HysteresisEffect)) or chain.hysteron != "ramp"
+    return not moves and not isinstance(signals, JoinedSignals)
+
+
 def combinations_along(
     chain: Chain,
     values: EffectValues,
@@ -204,18 +210,13 @@ def combinations_along(
     initial_memory: str,
     shares: tuple[np.ndarray, ...],
     like: HysteresisColumns,
-) -> HysteresisColumns | None:
-    """Combinations of the columns along a path that effects of the input have moved, without these.
-
-    None where the thresholds move, or along several runs: there the columns are combined.
+) -> HysteresisColumns:
+    """Combinations of the columns along a moved path (`is_one_path`), without these.
 
     Arguments:
         shares: see `chain.hysteresis.combinations_along`.
-        like: the combinations along the recorded input.
+        like: the combinations along the recorded input, whose states are not asked for.
     """
-    moves = bool(chain.at(HysteresisEffect)) or chain.hysteron != "ramp"
-    if moves or isinstance(signals, JoinedSignals):
-        return None
     course = one_driven.drive(chain, values, signals)
     states, start = one_hysteresis.combinations_along(chain, course, initial_memory, shares)
     return replace(like, states=states, start=start)

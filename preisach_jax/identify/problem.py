@@ -18,6 +18,7 @@ from preisach_jax.chain.runs import (
     combinations_along,
     hysteresis_columns,
     hysteresis_output,
+    is_one_path,
     regressors,
     signals_of,
     thinned,
@@ -430,22 +431,27 @@ class Problem:
         slot = ("hysteresis", chain.plane, chain.hysteron)
         if not moving and slot in self.cache:
             return self.cache[slot]
-        memory = self.record.initial_memory
-        if moving and self.reduces_on(chain.plane):
-            basis, still = self.basis(chain), self.hysteresis(chain.with_effects(()), {})
-            shares = (basis.cells, basis.memory, basis.first_run)
-            found = combinations_along(chain, values, self.signals, memory, shares, still)
-            if found is not None:
-                return found
+        if moving and self.reduces_on(chain.plane) and is_one_path(chain, self.signals):
+            return self._combinations(chain, values)
         output = None
         if chain.feeds_back and like is not None:
             output = self.hysteresis_output(like)
+        memory = self.record.initial_memory
         columns = hysteresis_columns(chain, values, self.signals, memory, output)
         if self.reduces_on(chain.plane):
             columns = self.basis(chain, None if moving else columns).applied_to(columns)
         if not moving and columns.states.size <= MOST_KEPT:
             self.cache[slot] = columns
         return columns
+
+    def _combinations(self, chain: Chain, values: EffectValues) -> HysteresisColumns:
+        """Those of the reduced basis along a path that effects of the input have moved."""
+        basis, slot = self.basis(chain), ("like", chain.plane, chain.hysteron)
+        if slot not in self.cache:  # without its states, which may be too many to keep
+            still = self.hysteresis(chain.with_effects(()), {})
+            self.cache[slot] = replace(still, states=np.zeros((0, basis.size)))
+        shares, memory = (basis.cells, basis.memory, basis.first_run), self.record.initial_memory
+        return combinations_along(chain, values, self.signals, memory, shares, self.cache[slot])
 
     def reduces_on(self, plane: Plane) -> bool:
         """Whether models on a plane are solved for in a reduced basis: not if it has few cells."""
